@@ -1,0 +1,249 @@
+//! Image files. Values are written beside the target and renamed, so a file is whole or absent.
+
+use std::fs::File;
+use std::io::{BufWriter, Seek, Write};
+use std::path::Path;
+
+use image::{DynamicImage, ImageBuffer, Luma, Rgb};
+use npyz::WriterBuilder;
+
+use super::{Image, Tone};
+use crate::{Extent, SceneError};
+
+/// Image file formats, chosen by the file name's ending.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ImageFormat {
+    /// 8-bit grey PNG, toned.
+    Png8,
+    /// 16-bit grey PNG, toned.
+    Png16,
+    /// OpenEXR, 32-bit float, linear values in R, G and B.
+    Exr,
+    /// TIFF, 32-bit float, linear values in three channels.
+    Tiff,
+    /// NumPy array (height, width), `<f8`, linear values.
+    Npy,
+}
+
+impl ImageFormat {
+    /// Format of a path by its ending; `deep` asks for 16 bits where the format has a choice.
+    ///
+    /// # Errors
+    /// [`SceneError::File`] when the ending is none of png, exr, tif, tiff, npy.
+    pub fn of(path: &Path, deep: bool) -> Result<Self, SceneError> {
+        let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
+        match ending.as_str() {
+            "png" if deep => Ok(Self::Png16),
+            "png" => Ok(Self::Png8),
+            "exr" => Ok(Self::Exr),
+            "tif" | "tiff" => Ok(Self::Tiff),
+            "npy" => Ok(Self::Npy),
+            _ => Err(fail(path, format!("unknown image ending '{ending}'; use .png, .exr, .tiff or .npy"))),
+        }
+    }
+
+    /// True when values are stored as they are, without a tone.
+    pub fn is_linear(self) -> bool {
+        matches!(self, Self::Exr | Self::Tiff | Self::Npy)
+    }
+}
+
+fn fail(path: &Path, problem: impl ToString) -> SceneError {
+    SceneError::File { path: path.to_owned(), problem: problem.to_string() }
+}
+
+/// Writes an image; the tone applies to PNG only.
+///
+/// # Errors
+/// [`SceneError::File`] when the folder is missing or not writable, or the disk is full.
+pub fn write(image: &Image, path: &Path, format: ImageFormat, tone: &Tone) -> Result<(), SceneError> {
+    let Extent { width, height } = image.extent();
+    let (w, h) = (width as u32, height as u32);
+    let grey = || tone.apply(image, tone.limits(image));
+    let float = || -> Vec<f32> { image.values().iter().flat_map(|&v| [v as f32; 3]).collect() };
+    let rgb32 = || ImageBuffer::<Rgb<f32>, _>::from_raw(w, h, float()).map(DynamicImage::ImageRgb32F);
+    replace(path, |out| match format {
+        ImageFormat::Npy => write_npy(image, out),
+        ImageFormat::Png8 => {
+            let levels = grey().into_iter().map(|g| (g * 255.0).round() as u8).collect();
+            encode(
+                ImageBuffer::<Luma<u8>, Vec<u8>>::from_raw(w, h, levels).map(Into::into),
+                out,
+                image::ImageFormat::Png,
+            )
+        }
+        ImageFormat::Png16 => {
+            let levels = grey().into_iter().map(|g| (g * 65535.0).round() as u16).collect();
+            encode(
+                ImageBuffer::<Luma<u16>, Vec<u16>>::from_raw(w, h, levels).map(Into::into),
+                out,
+                image::ImageFormat::Png,
+            )
+        }
+        ImageFormat::Exr => encode(rgb32(), out, image::ImageFormat::OpenExr),
+        ImageFormat::Tiff => encode(rgb32(), out, image::ImageFormat::Tiff),
+    })
+}
+
+/// Writes colours as an 8-bit PNG.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_rgb8(extent: Extent, pixels: &[[u8; 3]], path: &Path) -> Result<(), SceneError> {
+    let buffer =
+        ImageBuffer::<Rgb<u8>, _>::from_raw(extent.width as u32, extent.height as u32, pixels.as_flattened().to_vec());
+    replace(path, |out| encode(buffer.map(Into::into), out, image::ImageFormat::Png))
+}
+
+fn encode(
+    image: Option<DynamicImage>,
+    out: &mut (impl Write + Seek),
+    format: image::ImageFormat,
+) -> Result<(), String> {
+    image.ok_or("pixel buffer of the wrong size")?.write_to(out, format).map_err(|e| e.to_string())
+}
+
+fn write_npy(image: &Image, out: &mut impl Write) -> Result<(), String> {
+    let Extent { width, height } = image.extent();
+    let mut writer = npyz::WriteOptions::new()
+        .default_dtype()
+        .shape(&[height as u64, width as u64])
+        .writer(out)
+        .begin_nd()
+        .map_err(|e| e.to_string())?;
+    writer.extend(image.values().iter().copied()).and_then(|()| writer.finish()).map_err(|e| e.to_string())
+}
+
+/// Writes to a temporary file in the target's folder, then renames it over the target.
+fn replace(path: &Path, fill: impl FnOnce(&mut BufWriter<&File>) -> Result<(), String>) -> Result<(), SceneError> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let temporary = tempfile::Builder::new()
+        .prefix(".mcvr-")
+        .suffix(".tmp")
+        .tempfile_in(folder)
+        .map_err(|e| fail(path, format!("cannot write into '{}': {e}", folder.display())))?;
+    let mut out = BufWriter::new(temporary.as_file());
+    fill(&mut out).map_err(|e| fail(path, e))?;
+    out.flush().map_err(|e| fail(path, e))?;
+    drop(out);
+    make_readable(&temporary).map_err(|e| fail(path, e))?;
+    temporary.persist(path).map(|_| ()).map_err(|e| fail(path, e.error))
+}
+
+/// Temporary files are private; an image gets the mode that a newly made file has under the usual umask.
+#[cfg(unix)]
+fn make_readable(file: &tempfile::NamedTempFile) -> std::io::Result<()> {
+    use std::os::unix::fs::PermissionsExt;
+    file.as_file().set_permissions(std::fs::Permissions::from_mode(0o644))
+}
+
+#[cfg(not(unix))]
+fn make_readable(_: &tempfile::NamedTempFile) -> std::io::Result<()> {
+    Ok(())
+}
+
+/// Reads an image: `.npy` (any float or integer type, 2-D), `.exr` and `.tiff` (first channel), `.png` (grey
+/// level 0..1; a toned PNG holds no linear values, so prefer the others for comparison).
+///
+/// # Errors
+/// [`SceneError::File`] when the file is missing, damaged or not two-dimensional.
+pub fn read(path: &Path) -> Result<Image, SceneError> {
+    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("npy")) {
+        return read_npy(path);
+    }
+    let decoded = image::ImageReader::open(path)
+        .and_then(image::ImageReader::with_guessed_format)
+        .map_err(|e| fail(path, e))?
+        .decode()
+        .map_err(|e| fail(path, e))?;
+    let values = match &decoded {
+        DynamicImage::ImageLuma16(b) => b.iter().map(|&v| f64::from(v) / 65535.0).collect(),
+        DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_) => {
+            decoded.to_rgb32f().pixels().map(|p| f64::from(p.0[0])).collect()
+        }
+        other => other.to_luma8().iter().map(|&v| f64::from(v) / 255.0).collect(),
+    };
+    let extent = Extent::new(decoded.width() as usize, decoded.height() as usize)?;
+    Image::from_values(extent, values)
+}
+
+fn read_npy(path: &Path) -> Result<Image, SceneError> {
+    let file = File::open(path).map_err(|e| fail(path, e))?;
+    let bytes = file.metadata().map_err(|e| fail(path, e))?.len();
+    let npy = npyz::NpyFile::new(std::io::BufReader::new(file)).map_err(|e| fail(path, e))?;
+    let &[height, width] = npy.shape() else {
+        return Err(fail(path, format!("expected a (height, width) array, found shape {:?}", npy.shape())));
+    };
+    if npy.order() != npyz::Order::C {
+        return Err(fail(path, "Fortran order is not supported; save with numpy.ascontiguousarray"));
+    }
+    let extent = Extent::new(width as usize, height as usize)?;
+    if extent.pixels() as u64 > bytes {
+        return Err(fail(path, format!("the header promises {extent} values but the file has {bytes} bytes")));
+    }
+    let values = match npy.try_data::<f64>() {
+        Ok(data) => data.collect::<Result<Vec<f64>, _>>().map_err(|e| fail(path, e))?,
+        Err(npy) => match npy.try_data::<f32>() {
+            Ok(data) => data.map(|v| v.map(f64::from)).collect::<Result<_, _>>().map_err(|e| fail(path, e))?,
+            Err(npy) => {
+                let kind = npy.dtype().descr();
+                return Err(fail(path, format!("array type {kind} is not supported; save as float64 or float32")));
+            }
+        },
+    };
+    Image::from_values(extent, values)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn picture() -> Image {
+        Image::from_values(Extent::new(3, 2).unwrap(), vec![0.0, 1.5, 2.25, 1e-3, 7.0, 42.0]).unwrap()
+    }
+
+    #[test]
+    fn float_formats_give_back_the_values() {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, tolerance) in [("a.npy", 0.0), ("a.exr", 1e-7), ("a.tiff", 1e-7)] {
+            let path = folder.path().join(name);
+            write(&picture(), &path, ImageFormat::of(&path, false).unwrap(), &Tone::default()).unwrap();
+            let back = read(&path).unwrap();
+            for (a, b) in picture().values().iter().zip(back.values()) {
+                assert!((a - b).abs() <= tolerance * a.abs(), "{name}: {a} {b}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_png_holds_the_toned_levels() {
+        let folder = tempfile::tempdir().unwrap();
+        let tone = Tone { window: [0.0, 100.0], ..Tone::default() };
+        for deep in [false, true] {
+            let path = folder.path().join("a.png");
+            write(&picture(), &path, ImageFormat::of(&path, deep).unwrap(), &tone).unwrap();
+            let back = read(&path).unwrap();
+            let level = if deep { 65535.0 } else { 255.0 };
+            assert!((back.get(1, 1) - 7.0 / 42.0).abs() <= 0.500_001 / level, "rounding to the nearest level");
+        }
+    }
+
+    #[test]
+    fn a_failed_write_leaves_nothing_behind() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("missing/a.npy");
+        assert!(write(&picture(), &path, ImageFormat::Npy, &Tone::default()).is_err());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn damaged_and_foreign_files_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, content) in [("a.npy", &b"\x93NUMPY"[..]), ("b.png", b"not a picture"), ("c.exr", b"")] {
+            let path = folder.path().join(name);
+            std::fs::write(&path, content).unwrap();
+            assert!(read(&path).is_err(), "{name}");
+        }
+        assert!(ImageFormat::of(Path::new("a.jpg"), false).is_err());
+    }
+}

@@ -1,0 +1,85 @@
+//! Images: linear estimand values, how they are stored, and the tones under which people look at them.
+
+mod file;
+mod tone;
+
+use crate::{Extent, SceneError};
+
+pub use file::{ImageFormat, read, write, write_rgb8};
+pub use tone::{Curve, Tone, diverging_rgb};
+
+/// An image of linear values, row by row from the top, `f64`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image {
+    extent: Extent,
+    values: Vec<f64>,
+}
+
+impl Image {
+    /// An image of zeros.
+    pub fn zeros(extent: Extent) -> Self {
+        Self { extent, values: vec![0.0; extent.pixels()] }
+    }
+
+    /// An image from its values in rows from the top.
+    ///
+    /// # Errors
+    /// [`SceneError::Image`] when the number of values is not width × height.
+    pub fn from_values(extent: Extent, values: Vec<f64>) -> Result<Self, SceneError> {
+        if values.len() == extent.pixels() {
+            Ok(Self { extent, values })
+        } else {
+            Err(SceneError::Image(format!("{} values for {extent} pixels", values.len())))
+        }
+    }
+
+    /// Size.
+    pub fn extent(&self) -> Extent {
+        self.extent
+    }
+
+    /// Values in rows from the top.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// Values in rows from the top, to change.
+    pub fn values_mut(&mut self) -> &mut [f64] {
+        &mut self.values
+    }
+
+    /// Value of the pixel in column x and row y.
+    ///
+    /// # Panics
+    /// When the pixel is outside.
+    pub fn get(&self, x: usize, y: usize) -> f64 {
+        self.values[y * self.extent.width + x]
+    }
+
+    /// Sum of all values.
+    pub fn sum(&self) -> f64 {
+        self.values.iter().sum()
+    }
+
+    /// Mean of all values.
+    pub fn mean(&self) -> f64 {
+        self.sum() / self.values.len() as f64
+    }
+
+    /// Largest value, at least 0.
+    pub fn max(&self) -> f64 {
+        self.values.iter().copied().fold(0.0, f64::max)
+    }
+
+    /// `self - other`, pixel by pixel.
+    ///
+    /// # Errors
+    /// [`SceneError::Image`] when the sizes differ.
+    pub fn difference(&self, other: &Image) -> Result<Image, SceneError> {
+        if self.extent != other.extent {
+            return Err(SceneError::Image(format!("sizes differ: {} and {}", self.extent, other.extent)));
+        }
+        let values = self.values.iter().zip(&other.values).map(|(a, b)| a - b).collect();
+        Ok(Image { extent: self.extent, values })
+    }
+}

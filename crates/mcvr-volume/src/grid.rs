@@ -145,7 +145,10 @@ impl Grid {
 /// [`VolumeError::Grid`] when an extent is zero or the product overflows [`Grid::MAX_VOXELS`].
 pub fn checked_voxel_count(dims: [usize; 3]) -> Result<usize, VolumeError> {
     if dims.contains(&0) {
-        return Err(VolumeError::Grid(format!("every extent must be at least 1, got {}x{}x{}", dims[0], dims[1], dims[2])));
+        return Err(VolumeError::Grid(format!(
+            "every extent must be at least 1, got {}x{}x{}",
+            dims[0], dims[1], dims[2]
+        )));
     }
     let n = dims.iter().try_fold(1u64, |n, &d| n.checked_mul(d as u64)).filter(|&n| n <= Grid::MAX_VOXELS);
     n.map(|n| n as usize).ok_or_else(|| {

@@ -1,13 +1,18 @@
 //! Grids, voxel types, file formats and phantoms.
 //!
-//! A [`Volume`] is a [`Grid`] with [`Voxels`] kept in the type in which the file stores them.
+//! A [`Volume`] is a [`Grid`] with [`Voxels`] kept in the type in which the file stores them. [`load`] reads one from
+//! a file of any supported format, found by its content, or generates a [`Phantom`].
 
 mod error;
+mod formats;
 mod grid;
+mod phantom;
 mod volume;
 mod voxel;
 
 pub use error::VolumeError;
+pub use formats::{Endian, FileFormat, Loaded, RawOptions, load, open};
 pub use grid::{Grid, checked_voxel_count};
+pub use phantom::{Ellipsoid, Phantom};
 pub use volume::Volume;
 pub use voxel::{Buffer, Voxel, VoxelType, Voxels};

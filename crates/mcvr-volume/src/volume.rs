@@ -1,6 +1,6 @@
 //! A scalar volume: grid, voxels, and the file's slope and intercept.
 
-use crate::{Grid, Voxel, VolumeError, VoxelType, Voxels};
+use crate::{Grid, VolumeError, Voxel, VoxelType, Voxels};
 
 /// A scalar field sampled on a [`Grid`].
 ///

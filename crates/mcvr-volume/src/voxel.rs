@@ -154,9 +154,7 @@ impl<T: Voxel> Deref for Buffer<T> {
     fn deref(&self) -> &[T] {
         match &self.inner {
             Inner::Owned(v) => v,
-            Inner::Mapped { map, offset, len } => {
-                bytemuck::cast_slice(&map[*offset..*offset + *len * size_of::<T>()])
-            }
+            Inner::Mapped { map, offset, len } => bytemuck::cast_slice(&map[*offset..*offset + *len * size_of::<T>()]),
         }
     }
 }

@@ -95,7 +95,10 @@ fn override_spacing(loaded: Loaded, options: &RawOptions) -> Result<Loaded, Volu
     let grid = Grid::new(grid.dims(), DVec3::from_array(spacing), grid.origin(), grid.direction())?;
     if !matches!(format, FileFormat::Raw | FileFormat::RawGz) && old != grid.spacing() {
         let [x, y, z] = spacing;
-        notes.push(format!("spacing {} x {} x {} mm of the {format} replaced by {x} x {y} x {z} mm", old.x, old.y, old.z));
+        notes.push(format!(
+            "spacing {} x {} x {} mm of the {format} replaced by {x} x {y} x {z} mm",
+            old.x, old.y, old.z
+        ));
     }
     Ok(Loaded { volume: volume.with_grid(grid)?, format, notes })
 }

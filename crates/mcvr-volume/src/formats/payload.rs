@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::inflate::{Coding, Inflate, MAX_DEFLATE_RATIO, read_up_to};
 use super::options::Endian;
 use super::source::Source;
-use crate::{Buffer, Voxel, VolumeError, VoxelType, Voxels};
+use crate::{Buffer, VolumeError, Voxel, VoxelType, Voxels};
 
 /// Where a file's voxels are and what they are.
 #[derive(Clone, Copy, Debug)]
@@ -85,14 +85,38 @@ const STEP: usize = 1 << 20;
 macro_rules! per_type {
     ($ty:expr, $t:ident => $body:expr) => {
         match $ty {
-            VoxelType::U8 => { type $t = u8; $body }
-            VoxelType::I8 => { type $t = i8; $body }
-            VoxelType::U16 => { type $t = u16; $body }
-            VoxelType::I16 => { type $t = i16; $body }
-            VoxelType::U32 => { type $t = u32; $body }
-            VoxelType::I32 => { type $t = i32; $body }
-            VoxelType::F32 => { type $t = f32; $body }
-            VoxelType::F64 => { type $t = f64; $body }
+            VoxelType::U8 => {
+                type $t = u8;
+                $body
+            }
+            VoxelType::I8 => {
+                type $t = i8;
+                $body
+            }
+            VoxelType::U16 => {
+                type $t = u16;
+                $body
+            }
+            VoxelType::I16 => {
+                type $t = i16;
+                $body
+            }
+            VoxelType::U32 => {
+                type $t = u32;
+                $body
+            }
+            VoxelType::I32 => {
+                type $t = i32;
+                $body
+            }
+            VoxelType::F32 => {
+                type $t = f32;
+                $body
+            }
+            VoxelType::F64 => {
+                type $t = f64;
+                $body
+            }
         }
     };
 }
@@ -107,7 +131,8 @@ pub(crate) fn read(source: &Source, payload: &Payload) -> Result<Voxels, Payload
 
 fn read_as<T: Voxel>(source: &Source, p: &Payload) -> Result<Buffer<T>, PayloadError> {
     let packed = source.bytes().get(p.start..).unwrap_or(&[]);
-    let too_large = || source.size_error(format!("{} voxels of {} after {} bytes are too many", p.count, T::TYPE, p.skip));
+    let too_large =
+        || source.size_error(format!("{} voxels of {} after {} bytes are too many", p.count, T::TYPE, p.skip));
     let data = (p.count as u64).checked_mul(size_of::<T>() as u64).ok_or_else(too_large)?;
     let expected = data.checked_add(p.skip).ok_or_else(too_large)?;
     match p.coding {

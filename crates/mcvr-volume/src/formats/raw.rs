@@ -19,9 +19,13 @@ pub(crate) struct NameHints {
 pub(crate) fn name_hints(name: &str) -> NameHints {
     let mut hints = NameHints::default();
     for token in name.split(['_', '.', '-', ' ']) {
-        if hints.dims.is_none() && let Some(dims) = parse_dims(token) {
+        if hints.dims.is_none()
+            && let Some(dims) = parse_dims(token)
+        {
             hints.dims = Some(dims);
-        } else if hints.voxel_type.is_none() && let Some((voxel_type, endian)) = parse_type(token) {
+        } else if hints.voxel_type.is_none()
+            && let Some((voxel_type, endian)) = parse_type(token)
+        {
             hints.voxel_type = Some(voxel_type);
             hints.endian = endian;
         }
@@ -31,9 +35,9 @@ pub(crate) fn name_hints(name: &str) -> NameHints {
 
 /// `301x324x56` as three numbers.
 pub(crate) fn parse_dims(token: &str) -> Option<[usize; 3]> {
-    let mut parts = token.split('x').map(|p| {
-        (!p.is_empty() && p.bytes().all(|b| b.is_ascii_digit())).then(|| p.parse::<usize>().ok()).flatten()
-    });
+    let mut parts = token
+        .split('x')
+        .map(|p| (!p.is_empty() && p.bytes().all(|b| b.is_ascii_digit())).then(|| p.parse::<usize>().ok()).flatten());
     let dims = [parts.next()??, parts.next()??, parts.next()??];
     parts.next().is_none().then_some(dims)
 }
@@ -160,16 +164,20 @@ fn mismatch(dims: [usize; 3], voxel_type: VoxelType, skip: u64, expected: u64, f
         fits.push(format!("{}x{}x{} of {voxel_type}", dims[0], dims[1], rest / slice));
     }
     if n > expected && n - expected <= 1 << 20 {
-        fits.push(format!("{} of {voxel_type} after a header of {} bytes (skip)", display_dims(dims), skip + n - expected));
+        fits.push(format!(
+            "{} of {voxel_type} after a header of {} bytes (skip)",
+            display_dims(dims),
+            skip + n - expected
+        ));
     }
     fits.extend(cubes_that_fit(n.saturating_sub(skip)));
-    let difference = if n < expected {
-        format!("{} too few", expected - n)
+    let difference =
+        if n < expected { format!("{} too few", expected - n) } else { format!("{} too many", n - expected) };
+    let what_fits = if fits.is_empty() {
+        "check dimensions and type".to_string()
     } else {
-        format!("{} too many", n - expected)
+        format!("would fit: {}", fits.join("; "))
     };
-    let what_fits =
-        if fits.is_empty() { "check dimensions and type".to_string() } else { format!("would fit: {}", fits.join("; ")) };
     format!("{wanted}, but the file holds {n} bytes ({difference}); {what_fits}")
 }
 

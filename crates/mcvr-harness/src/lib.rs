@@ -1,1 +1,27 @@
-//! Placeholder.
+//! What accuracy costs in time: runs image-making [`Method`]s against a ray-cast [`Truth`] over a range of sample
+//! counts and replicates, and turns the measurements into records, fits, plots and a report.
+//!
+//! The harness knows nothing about how images are made. [`converge`] is the entry point; everything it writes goes
+//! into one folder, from which an interrupted run resumes. Terms follow METHOD sections 4, 6 and 7.
+
+pub mod converge;
+mod error;
+pub mod fit;
+mod folder;
+mod images;
+mod machine;
+mod method;
+pub mod metrics;
+mod output;
+pub mod record;
+pub mod summary;
+
+pub use converge::{ConvergeOptions, RunMeta, RunWatch, Truth, converge};
+pub use error::HarnessError;
+pub use fit::SlopeFit;
+pub use images::{SeriesImage, difference_scale, write_difference};
+pub use machine::{git_commit, machine};
+pub use method::{Method, MethodError, PhaseSeconds, Rendered};
+pub use metrics::Comparison;
+pub use record::{Record, RecordKey};
+pub use summary::{MethodSummary, Ratio, Row, RunSummary, Spread, TruthSummary};

@@ -1,0 +1,86 @@
+//! The folder of a run: its header file, which keeps measurements of different things apart.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use mcvr_scene::Image;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use crate::record::write_file;
+use crate::{HarnessError, RunMeta};
+
+/// `run.json`: what the folder's records measure.
+#[derive(Debug, Serialize, Deserialize)]
+struct Header {
+    /// Version of this layout.
+    format: u32,
+    /// Settings that must be the same for records to belong together.
+    fingerprint: BTreeMap<String, String>,
+    /// Everything about the run that first used the folder, for people.
+    meta: serde_json::Value,
+}
+
+const FORMAT: u32 = 1;
+
+/// Settings that decide what a record means. Command and source revision are not among them: a resumed run may ask
+/// for more sample counts, and every record names its own revision.
+pub(crate) fn fingerprint(meta: &RunMeta, seed: u64, truth: &Image, sha256: &str) -> BTreeMap<String, String> {
+    [
+        ("dataset", meta.dataset.clone()),
+        ("density", meta.density.clone()),
+        ("view", meta.view.clone()),
+        ("size", truth.extent().to_string()),
+        ("kernel", meta.kernel.name().to_owned()),
+        ("estimand", meta.estimand.name().to_owned()),
+        ("seed", seed.to_string()),
+        ("threads", meta.threads.to_string()),
+        ("machine", meta.machine.clone()),
+        ("truth", sha256.to_owned()),
+    ]
+    .into_iter()
+    .map(|(k, v)| (k.to_owned(), v))
+    .collect()
+}
+
+/// Claims a folder for a run: writes its header, or checks that the one there is of the same run.
+///
+/// # Errors
+/// [`HarnessError::OtherRun`] naming every setting that differs; [`HarnessError::File`] when the header is unreadable.
+pub(crate) fn claim(folder: &Path, meta: &RunMeta, fingerprint: BTreeMap<String, String>) -> Result<(), HarnessError> {
+    let path = folder.join("run.json");
+    let found: Header = match std::fs::read(&path) {
+        Ok(bytes) => serde_json::from_slice(&bytes).map_err(|e| HarnessError::file(&path, e))?,
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
+            let meta = serde_json::to_value(meta).map_err(|e| HarnessError::file(&path, e))?;
+            let header = Header { format: FORMAT, fingerprint, meta };
+            let text = serde_json::to_vec_pretty(&header).map_err(|e| HarnessError::file(&path, e))?;
+            return write_file(&path, &text);
+        }
+        Err(e) => return Err(HarnessError::file(&path, e)),
+    };
+    if found.format != FORMAT {
+        return Err(HarnessError::file(&path, format!("layout {} is not {FORMAT}", found.format)));
+    }
+    let short = |v: Option<&String>| v.map_or("absent".to_owned(), |v| v.chars().take(60).collect());
+    let differences: Vec<String> = fingerprint
+        .iter()
+        .filter(|(k, v)| found.fingerprint.get(*k) != Some(v))
+        .map(|(k, v)| format!("{k}: '{}' there, '{}' now", short(found.fingerprint.get(k)), short(Some(v))))
+        .collect();
+    if differences.is_empty() {
+        Ok(())
+    } else {
+        Err(HarnessError::OtherRun { path, differences: differences.join("; ") })
+    }
+}
+
+/// SHA-256 of an image's size and values, in hexadecimal.
+pub(crate) fn sha256(image: &Image) -> String {
+    let mut hash = Sha256::new();
+    hash.update(image.extent().to_string());
+    for v in image.values() {
+        hash.update(v.to_le_bytes());
+    }
+    hash.finalize().iter().map(|b| format!("{b:02x}")).collect()
+}

@@ -1,0 +1,96 @@
+//! The pictures of a run: the truth, the series of images, and the signed differences, all under the same tones.
+
+use std::path::Path;
+
+use mcvr_scene::film::{Tone, diverging_rgb, write, write_rgb8};
+use mcvr_scene::{Image, film::ImageFormat};
+use serde::Serialize;
+
+use crate::HarnessError;
+
+/// One image of the series; paths are relative to the run's folder.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SeriesImage {
+    /// The method's identifier.
+    pub method: String,
+    /// M.
+    pub samples: u64,
+    /// Relative RMSE of this very image.
+    pub rel_rmse: Option<f64>,
+    /// Time for the complete image, s.
+    pub complete: f64,
+    /// The image, toned by the truth's window.
+    pub image: String,
+    /// Image minus truth in colours.
+    pub difference: String,
+}
+
+/// What all pictures of a run share, so that they can be compared by eye.
+#[derive(Debug)]
+pub(crate) struct Pictures<'a> {
+    folder: &'a Path,
+    truth: &'a Image,
+    limits: [f64; 2],
+    /// Value of full red.
+    pub(crate) scale: f64,
+}
+
+impl<'a> Pictures<'a> {
+    /// Takes the tone window (0th to 99.9th percentile) and the [`difference_scale`] from the truth.
+    pub(crate) fn new(folder: &'a Path, truth: &'a Image) -> Self {
+        Self { folder, truth, limits: Tone::default().limits(truth), scale: difference_scale(truth) }
+    }
+
+    /// Writes `truth.png` and `truth.npy`, and makes the folder of the series.
+    ///
+    /// # Errors
+    /// When a file cannot be written.
+    pub(crate) fn write_truth(&self) -> Result<(), HarnessError> {
+        let images = self.folder.join("images");
+        std::fs::create_dir_all(&images).map_err(|e| HarnessError::file(&images, e))?;
+        write(self.truth, &self.folder.join("truth.npy"), ImageFormat::Npy, &Tone::default())?;
+        self.write_grey(self.truth, &self.folder.join("truth.png"))
+    }
+
+    /// Relative paths of a series image and its difference map.
+    pub(crate) fn names(method: &str, samples: u64) -> [String; 2] {
+        [format!("images/{method}-{samples:010}.png"), format!("images/{method}-{samples:010}-difference.png")]
+    }
+
+    /// True when both pictures of a series entry are there.
+    pub(crate) fn present(&self, method: &str, samples: u64) -> bool {
+        Self::names(method, samples).iter().all(|name| self.folder.join(name).is_file())
+    }
+
+    /// Writes an image and its difference from the truth.
+    ///
+    /// # Errors
+    /// When a file cannot be written or the sizes differ.
+    pub(crate) fn write_pair(&self, method: &str, samples: u64, image: &Image) -> Result<(), HarnessError> {
+        let [plain, difference] = Self::names(method, samples);
+        self.write_grey(image, &self.folder.join(plain))?;
+        write_difference(image, self.truth, self.scale, &self.folder.join(difference))
+    }
+
+    fn write_grey(&self, image: &Image, path: &Path) -> Result<(), HarnessError> {
+        let tone = Tone::default();
+        let grey = |g: f64| [(g * 255.0).round() as u8; 3];
+        let pixels: Vec<[u8; 3]> = tone.apply(image, self.limits).into_iter().map(grey).collect();
+        Ok(write_rgb8(image.extent(), &pixels, path)?)
+    }
+}
+
+/// Value of full red in difference maps: twice the truth's mean absolute pixel. It depends on the truth alone, so that
+/// the maps of all methods and sample counts compare; and it is of the size of the errors that occur, so that they show.
+pub fn difference_scale(truth: &Image) -> f64 {
+    2.0 * crate::metrics::sum(truth.values().iter().map(|v| v.abs())) / truth.values().len() as f64
+}
+
+/// Writes `test − reference` as colours: blue below, white at zero, red above; full colour at ±`scale`.
+///
+/// # Errors
+/// When the sizes differ or the file cannot be written.
+pub fn write_difference(test: &Image, reference: &Image, scale: f64, path: &Path) -> Result<(), HarnessError> {
+    let difference = test.difference(reference)?;
+    Ok(write_rgb8(difference.extent(), &diverging_rgb(&difference, scale), path)?)
+}

@@ -3,16 +3,21 @@
 //! A [`Volume`] is a [`Grid`] with [`Voxels`] kept in the type in which the file stores them. [`load`] reads one from
 //! a file of any supported format, found by its content, or generates a [`Phantom`].
 
+// First, because its `with_voxels!` is used by the others.
+#[macro_use]
+mod voxel;
+
 mod error;
 mod formats;
 mod grid;
 mod phantom;
+mod stats;
 mod volume;
-mod voxel;
 
 pub use error::VolumeError;
-pub use formats::{Endian, FileFormat, Loaded, RawOptions, load, open};
+pub use formats::{Endian, FileFormat, Loaded, RawOptions, load, open, write_metaimage, write_nrrd};
 pub use grid::{Grid, checked_voxel_count};
 pub use phantom::{Ellipsoid, Phantom};
+pub use stats::{HISTOGRAM_BINS, Summary, byte_order_suspicion};
 pub use volume::Volume;
 pub use voxel::{Buffer, Voxel, VoxelType, Voxels};

@@ -21,25 +21,23 @@ pub(crate) const MAX_DEFLATE_RATIO: u64 = 1032;
 /// The two bytes that every gzip file begins with.
 pub(crate) const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
 
-/// A reader over a packed slice.
-pub(crate) struct Inflate<'a> {
+/// A reader over a packed slice; bytes behind the end of the packed data are an error.
+struct Inflate<'a> {
     state: State<'a>,
 }
 
 enum State<'a> {
     Gzip(GzDecoder<&'a [u8]>),
     Zlib(ZlibDecoder<&'a [u8]>),
-    Done(&'a [u8]),
+    Done,
 }
 
-impl<'a> Inflate<'a> {
-    /// A reader over `packed`; `Coding::Plain` hands the bytes through.
-    pub(crate) fn new(packed: &'a [u8], coding: Coding) -> Box<dyn Read + 'a> {
-        match coding {
-            Coding::Plain => Box::new(packed),
-            Coding::Gzip => Box::new(Inflate { state: State::Gzip(GzDecoder::new(packed)) }),
-            Coding::Zlib => Box::new(Inflate { state: State::Zlib(ZlibDecoder::new(packed)) }),
-        }
+/// A reader of what `packed` unpacks to; `Coding::Plain` hands the bytes through.
+pub(crate) fn unpack<'a>(packed: &'a [u8], coding: Coding) -> Box<dyn Read + 'a> {
+    match coding {
+        Coding::Plain => Box::new(packed),
+        Coding::Gzip => Box::new(Inflate { state: State::Gzip(GzDecoder::new(packed)) }),
+        Coding::Zlib => Box::new(Inflate { state: State::Zlib(ZlibDecoder::new(packed)) }),
     }
 }
 
@@ -52,12 +50,12 @@ impl Read for Inflate<'_> {
             let n = match &mut self.state {
                 State::Gzip(d) => d.read(buf)?,
                 State::Zlib(d) => d.read(buf)?,
-                State::Done(_) => return Ok(0),
+                State::Done => return Ok(0),
             };
             if n > 0 {
                 return Ok(n);
             }
-            let rest = match std::mem::replace(&mut self.state, State::Done(&[])) {
+            let rest = match std::mem::replace(&mut self.state, State::Done) {
                 State::Gzip(d) => {
                     let rest = d.into_inner();
                     if rest.starts_with(&GZIP_MAGIC) {
@@ -67,7 +65,7 @@ impl Read for Inflate<'_> {
                     rest
                 }
                 State::Zlib(d) => d.into_inner(),
-                State::Done(rest) => rest,
+                State::Done => &[],
             };
             if !rest.is_empty() {
                 return Err(io::Error::new(

@@ -1,19 +1,27 @@
 //! Reading and writing volume files. A file's format is found by its content; its name is only a hint for raw data.
 
+mod detect;
+mod geometry;
 mod inflate;
+mod metaimage;
+mod nifti;
+mod nrrd;
 mod options;
 mod payload;
 mod raw;
 mod source;
+mod text;
+mod write;
 
 use std::path::Path;
 
 use glam::DVec3;
 
 pub use options::{Endian, RawOptions};
+pub use write::{write_metaimage, write_nrrd};
 
 use crate::{Grid, Phantom, Volume, VolumeError};
-use inflate::{Coding, GZIP_MAGIC};
+use detect::Content;
 use source::Source;
 
 /// Where a volume came from.
@@ -70,8 +78,30 @@ pub fn open(path: &Path, options: Option<&RawOptions>) -> Result<Loaded, VolumeE
     let default = RawOptions::default();
     let options = options.unwrap_or(&default);
     let source = Source::open(path)?;
-    let coding = if source.bytes().starts_with(&GZIP_MAGIC) { Coding::Gzip } else { Coding::Plain };
-    let loaded = raw::read(&source, coding, options)?;
+    let (coding, content, head) = detect::detect(&source);
+    let mut loaded = match content {
+        Content::Nrrd => nrrd::read(&source)?,
+        Content::MetaImage => metaimage::read(&source)?,
+        Content::Nifti => nifti::read(&source, coding, &head)?,
+        // Whoever gives dimensions and type knows better than a few magic bytes.
+        Content::Refused(why) if options.dims.is_none() || options.voxel_type.is_none() => {
+            return Err(source.format_error(why));
+        }
+        Content::Refused(_) | Content::Unknown => {
+            if !detect::has_raw_geometry(&source, options)
+                && let Some(what) = detect::other_format(&head)
+            {
+                return Err(source.format_error(format!(
+                    "seems to be {what}, which is not supported; convert it to NRRD, MetaImage or NIfTI"
+                )));
+            }
+            raw::read(&source, coding, options)?
+        }
+    };
+    if options.describes_raw() && !matches!(loaded.format, FileFormat::Raw | FileFormat::RawGz) {
+        let note = format!("the file is {}: dimensions, type, byte order and skip are its header's", loaded.format);
+        loaded.notes.push(note);
+    }
     override_spacing(loaded, options)
 }
 
@@ -86,13 +116,17 @@ pub fn load(input: &str, options: Option<&RawOptions>) -> Result<Loaded, VolumeE
     override_spacing(loaded, options.unwrap_or(&RawOptions::default()))
 }
 
-/// Replaces the spacing where the options give one; the first voxel's centre stays where it was.
+/// Replaces the spacing where the options give one; the first voxel's centre stays where it was (a phantom's middle
+/// stays at the world's origin).
 fn override_spacing(loaded: Loaded, options: &RawOptions) -> Result<Loaded, VolumeError> {
     let Some(spacing) = options.spacing else { return Ok(loaded) };
     let Loaded { volume, format, mut notes } = loaded;
     let old = volume.grid().spacing();
     let grid = volume.grid();
-    let grid = Grid::new(grid.dims(), DVec3::from_array(spacing), grid.origin(), grid.direction())?;
+    let mut grid = Grid::new(grid.dims(), DVec3::from_array(spacing), grid.origin(), grid.direction())?;
+    if format == FileFormat::Phantom {
+        grid = Grid::new(grid.dims(), grid.spacing(), grid.origin() - grid.centre(), grid.direction())?;
+    }
     if !matches!(format, FileFormat::Raw | FileFormat::RawGz) && old != grid.spacing() {
         let [x, y, z] = spacing;
         notes.push(format!(

@@ -5,7 +5,7 @@ use std::io::Read;
 
 use rayon::prelude::*;
 
-use super::inflate::{Coding, Inflate, MAX_DEFLATE_RATIO, read_up_to};
+use super::inflate::{Coding, MAX_DEFLATE_RATIO, read_up_to, unpack};
 use super::options::Endian;
 use super::source::Source;
 use crate::{Buffer, VolumeError, Voxel, VoxelType, Voxels};
@@ -180,7 +180,7 @@ fn inflate_out<T: Voxel>(source: &Source, packed: &[u8], p: &Payload, expected: 
             _ => format!("the compressed data is damaged: {e}"),
         })
     };
-    let mut reader = Inflate::new(packed, p.coding);
+    let mut reader = unpack(packed, p.coding);
     let mut scratch = vec![0u8; SCRATCH];
     let mut skipped = 0u64;
     while skipped < p.skip {
@@ -246,7 +246,7 @@ pub(crate) fn unpacked_size(packed: &[u8], coding: Coding, limit: u64) -> std::i
     if coding == Coding::Plain {
         return Ok(Found::Exactly(packed.len() as u64));
     }
-    let mut reader = Inflate::new(packed, coding);
+    let mut reader = unpack(packed, coding);
     let mut scratch = vec![0u8; SCRATCH];
     let mut total = 0u64;
     loop {

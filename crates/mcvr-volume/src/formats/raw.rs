@@ -5,14 +5,14 @@ use super::options::{Endian, RawOptions};
 use super::payload::{self, Found, Payload, PayloadError, unpacked_size};
 use super::source::Source;
 use super::{FileFormat, Loaded};
-use crate::{Grid, Volume, VolumeError, VoxelType, checked_voxel_count};
+use crate::{Grid, Volume, VolumeError, VoxelType, byte_order_suspicion, checked_voxel_count};
 
 /// What a file's name says: the convention `NAME_301x324x56_uint16be.raw[.gz]`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct NameHints {
-    dims: Option<[usize; 3]>,
-    voxel_type: Option<VoxelType>,
-    endian: Option<Endian>,
+    pub(crate) dims: Option<[usize; 3]>,
+    pub(crate) voxel_type: Option<VoxelType>,
+    pub(crate) endian: Option<Endian>,
 }
 
 /// Reads dimensions, type and byte order out of a file's name.
@@ -104,6 +104,7 @@ pub(crate) fn read(source: &Source, coding: Coding, options: &RawOptions) -> Res
     })?;
     let grid = Grid::with_spacing(dims, [1.0; 3])?;
     let volume = Volume::new(grid, voxels, source.name())?;
+    notes.extend(byte_order_suspicion(&volume));
     let format = if coding == Coding::Plain { FileFormat::Raw } else { FileFormat::RawGz };
     Ok(Loaded { volume, format, notes })
 }

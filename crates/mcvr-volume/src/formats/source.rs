@@ -43,9 +43,9 @@ impl Source {
         Ok(Self { path: path.to_path_buf(), map: Arc::new(map) })
     }
 
-    /// The file's path as given.
-    pub(crate) fn path(&self) -> &Path {
-        &self.path
+    /// Path of a file that this one names, relative to this one's folder.
+    pub(crate) fn sibling(&self, name: &str) -> PathBuf {
+        self.path.parent().unwrap_or(Path::new("")).join(name)
     }
 
     /// The whole content.

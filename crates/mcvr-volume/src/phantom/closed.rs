@@ -42,7 +42,7 @@ pub(super) fn gaussian(dims: [usize; 3], k: usize, slice: &mut [f32]) {
 }
 
 /// `marschner-lobb`: `ρ = (1 − sin(πz/2) + α(1 + cos(2π f cos(πr/2)))) / (2(1+α))`, `r = √(x²+y²)`, f = 6, α = 0.25,
-/// stored as `round(255 ρ)`. The first and the last voxel centre of each axis lie at −1 and 1, as in the paper.
+/// stored as `floor(255 ρ)`. The first and the last voxel centre of each axis lie at −1 and 1, as in the paper.
 /// Source: S. Marschner and R. Lobb, *An evaluation of reconstruction filters for volume rendering*, Visualization 1994.
 pub(super) fn marschner_lobb(dims: [usize; 3], k: usize, slice: &mut [u8]) {
     const F: f64 = 6.0;
@@ -54,7 +54,7 @@ pub(super) fn marschner_lobb(dims: [usize; 3], k: usize, slice: &mut [u8]) {
         for (i, v) in row.iter_mut().enumerate() {
             let r = at(i, dims[0]).hypot(y);
             let ripple = 1.0 + (2.0 * PI * F * (PI * r / 2.0).cos()).cos();
-            *v = (255.0 * (along_z + ALPHA * ripple) / (2.0 * (1.0 + ALPHA))).round() as u8;
+            *v = (255.0 * (along_z + ALPHA * ripple) / (2.0 * (1.0 + ALPHA))) as u8;
         }
     }
 }

@@ -74,7 +74,7 @@ fn animal() -> Vec<Part> {
     // Abdomen: six rings, smaller towards the tail.
     for ring in 0..6 {
         let t = f64::from(ring) / 5.0;
-        parts.push(Part::ball([0.0, -0.32 - 0.44 * t, -0.01], [0.140 - 0.045 * t, 0.062, 0.105 - 0.04 * t], 0.0));
+        parts.push(Part::ball([0.0, -0.32 - 0.44 * t, -0.01], [0.140 - 0.045 * t, 0.074, 0.105 - 0.04 * t], 0.0));
     }
     // Tail fan: five flat blades.
     for blade in -2..=2 {

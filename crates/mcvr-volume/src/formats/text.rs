@@ -1,0 +1,78 @@
+//! Text headers: lines of `key SEPARATOR value` in front of binary data, of limited length.
+
+use super::source::Source;
+use crate::VolumeError;
+
+/// Most bytes of a text header.
+pub(crate) const MAX_HEADER: usize = 1 << 20;
+
+/// The line that begins at `from` without its end (`\n` or `\r\n`), and where the next one begins. `None` at the
+/// end of the bytes. A last line without an end counts as one.
+pub(crate) fn line_at(bytes: &[u8], from: usize) -> Option<(&[u8], usize)> {
+    let rest = bytes.get(from..).filter(|r| !r.is_empty())?;
+    let (line, next) = match rest.iter().position(|&b| b == b'\n') {
+        Some(end) => (&rest[..end], from + end + 1),
+        None => (rest, bytes.len()),
+    };
+    Some((line.strip_suffix(b"\r").unwrap_or(line), next))
+}
+
+/// Named values of a header, with lookup and number parsing that report the field.
+pub(crate) struct Fields<'a> {
+    pub(crate) source: &'a Source,
+    pub(crate) format: &'static str,
+    entries: Vec<(String, String)>,
+}
+
+impl<'a> Fields<'a> {
+    /// No fields yet.
+    pub(crate) fn new(source: &'a Source, format: &'static str) -> Self {
+        Self { source, format, entries: Vec::new() }
+    }
+
+    /// Adds a field.
+    ///
+    /// # Errors
+    /// [`VolumeError::Header`] when it is there already.
+    pub(crate) fn insert(&mut self, key: String, value: String) -> Result<(), VolumeError> {
+        if self.entries.iter().any(|e| e.0 == key) {
+            return Err(self.error(&key, "is given twice"));
+        }
+        self.entries.push((key, value));
+        Ok(())
+    }
+
+    /// Value of the first of `keys` that is there.
+    pub(crate) fn get(&self, keys: &[&str]) -> Option<&str> {
+        keys.iter().find_map(|key| self.entries.iter().find(|e| e.0 == *key)).map(|e| e.1.as_str())
+    }
+
+    /// As [`Self::get`], an error when there is none.
+    pub(crate) fn require(&self, keys: &[&str]) -> Result<&str, VolumeError> {
+        self.get(keys).ok_or_else(|| self.error(keys.first().unwrap_or(&""), "is missing"))
+    }
+
+    /// The error that says that `field` is wrong.
+    pub(crate) fn error(&self, field: &str, problem: impl Into<String>) -> VolumeError {
+        self.source.header_error(self.format, field, problem)
+    }
+
+    /// Whitespace-separated integers.
+    pub(crate) fn integers(&self, field: &str, text: &str) -> Result<Vec<i64>, VolumeError> {
+        let parse = |w: &str| w.parse().map_err(|_| self.error(field, format!("'{}' is not an integer", clip(w))));
+        text.split_whitespace().map(parse).collect()
+    }
+
+    /// Whitespace-separated numbers, exactly `N`; `nan` is a number here.
+    pub(crate) fn numbers<const N: usize>(&self, field: &str, text: &str) -> Result<[f64; N], VolumeError> {
+        let parse = |w: &str| w.parse().map_err(|_| self.error(field, format!("'{}' is not a number", clip(w))));
+        let numbers: Vec<f64> = text.split_whitespace().map(parse).collect::<Result<_, _>>()?;
+        let count = numbers.len();
+        numbers.try_into().map_err(|_| self.error(field, format!("{N} numbers are needed, got {count}")))
+    }
+}
+
+/// The beginning of a value, for messages.
+pub(crate) fn clip(text: &str) -> String {
+    if text.chars().count() <= 60 { text.to_string() } else { text.chars().take(60).chain("...".chars()).collect() }
+}

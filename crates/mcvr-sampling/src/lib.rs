@@ -1,1 +1,28 @@
-//! Placeholder.
+//! From a density to an image by points: the voxel [`Distribution`], [`PointStream`]s, and [`render`],
+//! the one loop of location, projection and accumulation that every sampling method shares.
+//!
+//! Monte Carlo and quasi-Monte Carlo differ in their [`PointStream`] and in nothing else. A stream hands out
+//! blocks of [`BLOCK`] points; each point is a target in the running sum of weights (which voxel) and three
+//! uniforms (where in the kernel around it). Blocks are keyed by their number, never by a thread, and all
+//! sums are integers: the same seed gives the same image on any number of threads.
+
+mod accumulate;
+mod distribution;
+mod engine;
+mod error;
+mod hilbert;
+mod locate;
+mod order;
+mod project;
+pub mod rng;
+mod simd;
+mod stream;
+mod units;
+
+pub use distribution::{Distribution, DistributionCounters};
+pub use engine::{Counters, PhaseSeconds, RenderOptions, Rendered, render};
+pub use error::SamplingError;
+pub use order::VoxelOrder;
+pub use project::Precision;
+pub use simd::SimdLevel;
+pub use stream::{BLOCK, PointBlock, PointStream, Search, Strata, block_count, block_len, target_of};

@@ -10,6 +10,7 @@ mod error;
 mod estimand;
 pub mod film;
 mod kernel;
+mod watch;
 
 pub use camera::{Camera, Extent, Ray, View};
 pub use density::{Density, DensityMap, Emphasis, MassReport, NegativePolicy, Transfer, WeightFn, WeightLookup};
@@ -17,3 +18,4 @@ pub use error::SceneError;
 pub use estimand::Estimand;
 pub use film::Image;
 pub use kernel::Kernel;
+pub use watch::Watch;

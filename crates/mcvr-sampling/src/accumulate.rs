@@ -1,0 +1,132 @@
+//! Pixel sums in integers: private to each worker while they are small, shared and atomic when they are not.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Bytes that private copies may take together before workers share one.
+const PRIVATE_BYTES: usize = 48 << 20;
+
+/// Additions to one private counter before it must be emptied into the total.
+const FLUSH: u64 = 1 << 31;
+
+/// The image's sums. Integer addition commutes, so neither threads nor their order show in the result.
+pub(crate) struct Totals {
+    sums: Vec<AtomicU64>,
+    private: bool,
+}
+
+impl Totals {
+    /// Sums for `pixels` pixels and the two places for samples in none of them.
+    pub(crate) fn new(pixels: usize, workers: usize) -> Self {
+        let slots = pixels + 2;
+        let private = slots * size_of::<u64>() * workers <= PRIVATE_BYTES;
+        Self { sums: (0..slots).map(|_| AtomicU64::new(0)).collect(), private }
+    }
+
+    /// A worker's way in.
+    pub(crate) fn worker(&self, line: bool) -> Worker<'_> {
+        let own = match (self.private, line) {
+            (false, _) => Own::Shared,
+            (true, false) => Own::Counts(vec![0; self.sums.len()]),
+            (true, true) => Own::Weights(vec![0; self.sums.len()]),
+        };
+        Worker { totals: self, own, since_flush: 0 }
+    }
+
+    /// The sums of the pixels, without the two extra places.
+    pub(crate) fn into_values(self, unit: f64) -> Vec<f64> {
+        let pixels = self.sums.len() - 2;
+        self.sums.into_iter().take(pixels).map(|s| s.into_inner() as f64 * unit).collect()
+    }
+}
+
+enum Own {
+    Counts(Vec<u32>),
+    Weights(Vec<u64>),
+    Shared,
+}
+
+/// One worker's accumulator; [`Worker::finish`] adds it to the totals.
+pub(crate) struct Worker<'a> {
+    totals: &'a Totals,
+    own: Own,
+    since_flush: u64,
+}
+
+impl Worker<'_> {
+    /// Adds a batch: one to each pixel, or its weight.
+    pub(crate) fn add(&mut self, pixels: &[u32], weights: &[u64]) {
+        match &mut self.own {
+            Own::Counts(counts) => {
+                for &p in pixels {
+                    counts[p as usize] += 1;
+                }
+                self.since_flush += pixels.len() as u64;
+                if self.since_flush >= FLUSH {
+                    self.flush();
+                }
+            }
+            Own::Weights(sums) => {
+                for (&p, &w) in pixels.iter().zip(weights) {
+                    sums[p as usize] += w;
+                }
+            }
+            Own::Shared if weights.is_empty() => {
+                for &p in pixels {
+                    self.totals.sums[p as usize].fetch_add(1, Ordering::Relaxed);
+                }
+            }
+            Own::Shared => {
+                for (&p, &w) in pixels.iter().zip(weights) {
+                    self.totals.sums[p as usize].fetch_add(w, Ordering::Relaxed);
+                }
+            }
+        }
+    }
+
+    fn flush(&mut self) {
+        self.since_flush = 0;
+        let add = |total: &AtomicU64, own: u64| {
+            if own != 0 {
+                total.fetch_add(own, Ordering::Relaxed);
+            }
+        };
+        match &mut self.own {
+            Own::Counts(counts) => {
+                self.totals.sums.iter().zip(&mut *counts).for_each(|(t, c)| add(t, u64::from(std::mem::take(c))));
+            }
+            Own::Weights(sums) => {
+                self.totals.sums.iter().zip(&mut *sums).for_each(|(t, s)| add(t, std::mem::take(s)));
+            }
+            Own::Shared => {}
+        }
+    }
+
+    /// Adds what is left to the totals.
+    pub(crate) fn finish(mut self) {
+        self.flush();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn private_and_shared_sums_are_the_same() {
+        let pixels = [0u32, 3, 3, 1, 4, 5];
+        let weights = [10u64, 1 << 40, 2, 3, 100, 200];
+        let run = |private: bool, line: bool| {
+            let mut totals = Totals::new(4, 2);
+            totals.private = private;
+            for _ in 0..2 {
+                let mut w = totals.worker(line);
+                w.add(&pixels, if line { &weights } else { &[] });
+                w.finish();
+            }
+            totals.into_values(0.5)
+        };
+        assert_eq!(run(true, false), vec![1.0, 1.0, 0.0, 2.0]);
+        assert_eq!(run(true, false), run(false, false));
+        assert_eq!(run(true, true), run(false, true));
+    }
+}

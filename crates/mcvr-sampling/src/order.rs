@@ -1,0 +1,369 @@
+//! The order in which voxels follow each other in the running sum, cut into bricks of 256.
+//!
+//! Independent samples do not care. Low-discrepancy targets do: they are evenly spread along this order, so
+//! the order decides which shapes in space get an even share (METHOD section 3).
+
+use mcvr_scene::Camera;
+use mcvr_volume::{Grid, Voxel};
+use serde::{Deserialize, Serialize};
+
+use crate::SamplingError;
+use crate::hilbert::{Hilbert, unpack};
+use crate::simd::vectorised;
+use crate::units::{Units, Word};
+
+/// Voxels per brick.
+pub(crate) const BRICK: usize = 256;
+
+/// An order of the voxels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, Default)]
+#[serde(rename_all = "lowercase")]
+pub enum VoxelOrder {
+    /// x fastest, then y, then z: as in memory.
+    Raster,
+    /// Along a Hilbert curve.
+    Hilbert,
+    /// y fastest, then x, then z.
+    YInnermost,
+    /// z fastest, then x, then y.
+    ZInnermost,
+    /// The grid axis nearest to the view's depth fastest: one of the three above, by the camera.
+    #[default]
+    Depth,
+}
+
+impl VoxelOrder {
+    /// Every order, by name.
+    pub const ALL: [(&'static str, VoxelOrder); 5] = [
+        ("raster", VoxelOrder::Raster),
+        ("hilbert", VoxelOrder::Hilbert),
+        ("y", VoxelOrder::YInnermost),
+        ("z", VoxelOrder::ZInnermost),
+        ("depth", VoxelOrder::Depth),
+    ];
+
+    /// Name on the command line.
+    pub fn name(self) -> &'static str {
+        Self::ALL.iter().find(|(_, o)| *o == self).map_or("", |(n, _)| n)
+    }
+
+    /// Replaces `Depth` by the order it stands for under a camera.
+    pub fn resolve(self, camera: &Camera, grid: &Grid) -> Self {
+        match (self, camera.depth_axis(grid)) {
+            (VoxelOrder::Depth, 0) => VoxelOrder::Raster,
+            (VoxelOrder::Depth, 1) => VoxelOrder::YInnermost,
+            (VoxelOrder::Depth, _) => VoxelOrder::ZInnermost,
+            (other, _) => other,
+        }
+    }
+}
+
+impl std::str::FromStr for VoxelOrder {
+    type Err = String;
+    fn from_str(s: &str) -> Result<Self, String> {
+        let found = Self::ALL.iter().find(|(n, _)| *n == s);
+        found.map(|(_, o)| *o).ok_or_else(|| format!("unknown order '{s}'; one of raster, hilbert, y, z, depth"))
+    }
+}
+
+/// Bricks of voxels in some order. A place within the order is (brick, position); positions are turned into
+/// coordinates in two steps, a scalar one per sample and a vectorised one per batch.
+pub(crate) trait Layout: Sync {
+    /// Number of bricks.
+    fn bricks(&self) -> usize;
+
+    /// Writes the brick's inclusive running sums of integer weights (the rest of the array is filled with the
+    /// brick's total) and returns how many voxels were read.
+    fn sums<T: Voxel, U: Units<T>>(&self, brick: usize, voxels: &[T], units: U, sums: &mut [U::Word; BRICK]) -> usize;
+
+    /// Position of one voxel, not yet resolved.
+    fn place(&self, brick: usize, start: [u32; 3], position: u32) -> [u32; 3];
+
+    /// What [`Layout::place`] needs to know of a brick.
+    fn start(&self, brick: usize) -> [u32; 3];
+
+    /// Turns places into voxel coordinates (x, y, z), in place.
+    fn resolve(&self, level: crate::SimdLevel, places: &mut [Vec<u32>; 3]);
+}
+
+/// Axes nested in one another: innermost, middle, outermost.
+#[derive(Clone, Debug)]
+pub(crate) struct Nested {
+    dims: [usize; 3],
+    axes: [usize; 3],
+}
+
+impl Nested {
+    /// Axis `innermost` varies fastest, the others in memory order.
+    pub(crate) fn new(dims: [usize; 3], innermost: usize) -> Result<Self, SamplingError> {
+        if dims.iter().any(|&n| n >= 1 << 31) {
+            return Err(SamplingError::Limit {
+                method: "voxel order",
+                problem: format!("extents {dims:?}: at most 2^31 - 1 voxels along an axis"),
+            });
+        }
+        let axes = match innermost {
+            0 => [0, 1, 2],
+            1 => [1, 0, 2],
+            _ => [2, 0, 1],
+        };
+        Ok(Self { dims, axes })
+    }
+
+    fn len(&self) -> usize {
+        self.dims.iter().product()
+    }
+
+    fn strides(&self) -> [usize; 3] {
+        let memory = [1, self.dims[0], self.dims[0] * self.dims[1]];
+        self.axes.map(|a| memory[a])
+    }
+
+    fn extents(&self) -> [usize; 3] {
+        self.axes.map(|a| self.dims[a])
+    }
+}
+
+impl Layout for Nested {
+    fn bricks(&self) -> usize {
+        self.len().div_ceil(BRICK)
+    }
+
+    #[inline]
+    fn sums<T: Voxel, U: Units<T>>(&self, brick: usize, voxels: &[T], units: U, sums: &mut [U::Word; BRICK]) -> usize {
+        let first = brick * BRICK;
+        let count = BRICK.min(self.len() - first);
+        let mut sum = U::Word::default();
+        if self.axes[0] == 0 {
+            for (s, &v) in sums.iter_mut().zip(&voxels[first..first + count]) {
+                sum = sum.plus(units.units(v));
+                *s = sum;
+            }
+        } else {
+            let ([n0, n1, _], [s0, s1, s2]) = (self.extents(), self.strides());
+            let (mut i0, rest) = (first % n0, first / n0);
+            let (mut i1, mut i2) = (rest % n1, rest / n1);
+            let mut out = sums[..count].iter_mut();
+            'bricks: loop {
+                let line = &voxels[i1 * s1 + i2 * s2..];
+                while i0 < n0 {
+                    let Some(s) = out.next() else { break 'bricks };
+                    sum = sum.plus(units.units(line[i0 * s0]));
+                    *s = sum;
+                    i0 += 1;
+                }
+                i0 = 0;
+                i1 += 1;
+                if i1 == n1 {
+                    i1 = 0;
+                    i2 += 1;
+                    if out.len() == 0 {
+                        break;
+                    }
+                }
+            }
+        }
+        sums[count..].fill(sum);
+        count
+    }
+
+    #[inline(always)]
+    fn place(&self, _: usize, [i0, i1, i2]: [u32; 3], position: u32) -> [u32; 3] {
+        [i0 + position, i1, i2]
+    }
+
+    #[inline]
+    fn start(&self, brick: usize) -> [u32; 3] {
+        let [n0, n1, _] = self.extents();
+        let first = brick * BRICK;
+        [(first % n0) as u32, (first / n0 % n1) as u32, (first / n0 / n1) as u32]
+    }
+
+    fn resolve(&self, level: crate::SimdLevel, places: &mut [Vec<u32>; 3]) {
+        let [n0, n1, _] = self.extents();
+        let [p0, p1, p2] = places;
+        carry(level, p0, p1, n0 as u32);
+        carry(level, p1, p2, n1 as u32);
+        // places[r] is the coordinate along axes[r]; bring them to x, y, z.
+        match self.axes {
+            [1, 0, 2] => places.swap(0, 1),
+            [2, 0, 1] => places.rotate_left(1),
+            _ => {}
+        }
+    }
+}
+
+vectorised! {
+    /// Moves what exceeds `n` in the lower digits to the higher ones: exact for digits below 2^32, as the
+    /// quotient's error in f64 is far below half a digit.
+    fn carry(low: &mut [u32], high: &mut [u32], n: u32) = carry_body
+}
+
+#[inline(always)]
+fn carry_body(low: &mut [u32], high: &mut [u32], n: u32) {
+    let inverse = 1.0 / f64::from(n);
+    for (l, h) in low.iter_mut().zip(high) {
+        // Digits stay below 2^31 + 256, so the signed conversions are exact.
+        let q = ((f64::from(*l as i32) + 0.5) * inverse) as i32 as u32;
+        *l -= q * n;
+        *h += q;
+    }
+}
+
+/// The Hilbert order: half a cube of 8³ voxels per brick.
+#[derive(Clone, Debug)]
+pub(crate) struct Curve {
+    pub(crate) dims: [usize; 3],
+    pub(crate) curve: Hilbert,
+}
+
+impl Layout for Curve {
+    fn bricks(&self) -> usize {
+        2 * self.curve.len()
+    }
+
+    #[inline]
+    fn sums<T: Voxel, U: Units<T>>(&self, brick: usize, voxels: &[T], units: U, sums: &mut [U::Word; BRICK]) -> usize {
+        let (at, local) = self.curve.cube(brick / 2);
+        let [nx, ny, nz] = self.dims;
+        let mut sum = U::Word::default();
+        let mut read = 0;
+        for (s, &packed) in sums.iter_mut().zip(&local[brick % 2 * BRICK..]) {
+            let [x, y, z] = unpack(packed);
+            let (x, y, z) = ((at[0] + x) as usize, (at[1] + y) as usize, (at[2] + z) as usize);
+            if x < nx && y < ny && z < nz {
+                sum = sum.plus(units.units(voxels[x + nx * (y + ny * z)]));
+                read += 1;
+            }
+            *s = sum;
+        }
+        read
+    }
+
+    #[inline(always)]
+    fn place(&self, brick: usize, at: [u32; 3], position: u32) -> [u32; 3] {
+        let (_, local) = self.curve.cube(brick / 2);
+        let p = unpack(local[brick % 2 * BRICK + position as usize]);
+        [at[0] + p[0], at[1] + p[1], at[2] + p[2]]
+    }
+
+    fn start(&self, brick: usize) -> [u32; 3] {
+        self.curve.cube(brick / 2).0
+    }
+
+    fn resolve(&self, _: crate::SimdLevel, _: &mut [Vec<u32>; 3]) {}
+}
+
+/// Any order, chosen at run time.
+#[derive(Clone, Debug)]
+pub(crate) enum AnyLayout {
+    Nested(Nested),
+    Curve(Curve),
+}
+
+impl AnyLayout {
+    pub(crate) fn new(order: VoxelOrder, dims: [usize; 3]) -> Result<Self, SamplingError> {
+        Ok(match order {
+            VoxelOrder::Raster | VoxelOrder::Depth => Self::Nested(Nested::new(dims, 0)?),
+            VoxelOrder::YInnermost => Self::Nested(Nested::new(dims, 1)?),
+            VoxelOrder::ZInnermost => Self::Nested(Nested::new(dims, 2)?),
+            VoxelOrder::Hilbert => Self::Curve(Curve { dims, curve: Hilbert::new(dims)? }),
+        })
+    }
+
+    pub(crate) fn bytes(&self) -> usize {
+        match self {
+            Self::Nested(_) => 0,
+            Self::Curve(c) => c.curve.bytes(),
+        }
+    }
+}
+
+/// Runs an expression with `$layout` bound to the concrete [`Layout`], compiled once per kind.
+macro_rules! with_layout {
+    ($any:expr, $layout:ident => $body:expr) => {
+        match $any {
+            $crate::order::AnyLayout::Nested($layout) => $body,
+            $crate::order::AnyLayout::Curve($layout) => $body,
+        }
+    };
+}
+pub(crate) use with_layout;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::SimdLevel;
+    use crate::units::TableUnits;
+
+    /// Every voxel's linear index in the layout's order, through `place` and `resolve`.
+    fn visit(layout: &impl Layout, dims: [usize; 3]) -> Vec<usize> {
+        let ones = vec![1u8; dims.iter().product()];
+        let table = vec![1u32; 256];
+        let mut order = vec![];
+        for brick in 0..layout.bricks() {
+            let mut sums = [0u32; BRICK];
+            let read = layout.sums(brick, &ones, TableUnits(&table[..]), &mut sums);
+            assert_eq!(read as u32, sums[BRICK - 1]);
+            let mut places = [vec![], vec![], vec![]];
+            for position in 0..BRICK {
+                let before = if position == 0 { 0 } else { sums[position - 1] };
+                if sums[position] > before {
+                    let p = layout.place(brick, layout.start(brick), position as u32);
+                    (0..3).for_each(|a| places[a].push(p[a]));
+                }
+            }
+            layout.resolve(SimdLevel::detect(), &mut places);
+            let [nx, ny, _] = dims;
+            for ((&x, &y), &z) in places[0].iter().zip(&places[1]).zip(&places[2]) {
+                assert!((x as usize) < dims[0] && (y as usize) < dims[1] && (z as usize) < dims[2]);
+                order.push(x as usize + nx * (y as usize + ny * z as usize));
+            }
+        }
+        order
+    }
+
+    #[test]
+    fn every_order_visits_every_voxel_once() {
+        for dims in [[1, 1, 1], [1, 700, 1], [7, 5, 3], [40, 30, 20], [300, 2, 3], [3, 2, 300]] {
+            for (name, order) in VoxelOrder::ALL {
+                let any = AnyLayout::new(order, dims).unwrap();
+                let mut seen = with_layout!(&any, l => visit(l, dims));
+                seen.sort_unstable();
+                assert!(seen.iter().copied().eq(0..dims.iter().product()), "{name} {dims:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_named_axis_is_innermost() {
+        let dims = [4, 5, 6];
+        for (axis, stride) in [(0, 1), (1, 4), (2, 20)] {
+            let order = visit(&Nested::new(dims, axis).unwrap(), dims);
+            assert!(order[..dims[axis]].windows(2).all(|w| w[1] - w[0] == stride));
+        }
+    }
+
+    #[test]
+    fn running_sums_follow_the_voxels_in_every_order() {
+        let dims = [9, 11, 13];
+        let voxels: Vec<u16> = (0..dims.iter().product::<usize>()).map(|i| (i * i % 977) as u16).collect();
+        let table: Vec<u32> = (0..65536).collect();
+        for (_, order) in VoxelOrder::ALL {
+            let any = AnyLayout::new(order, dims).unwrap();
+            with_layout!(&any, l => {
+                let path = visit(l, dims);
+                let mut expected = path.iter().map(|&i| u32::from(voxels[i]));
+                let mut sums = [0u32; BRICK];
+                let mut total = 0u64;
+                for brick in 0..l.bricks() {
+                    let read = l.sums(brick, &voxels, TableUnits(&table[..]), &mut sums);
+                    let brick_sum: u32 = expected.by_ref().take(read).sum();
+                    assert_eq!(sums[BRICK - 1], brick_sum);
+                    total += u64::from(brick_sum);
+                }
+                assert_eq!(total, voxels.iter().map(|&v| u64::from(v)).sum::<u64>());
+            });
+        }
+    }
+}

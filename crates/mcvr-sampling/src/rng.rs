@@ -1,0 +1,87 @@
+//! Random numbers keyed by (seed, purpose, block), and the conversions that golden files rely on.
+
+use rand::Rng;
+use rand_pcg::Pcg64Dxsm;
+
+/// What random numbers are for; different purposes never share a stream.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u64)]
+pub enum Purpose {
+    /// Spacings between sorted targets, or targets themselves.
+    Targets = 1,
+    /// Uniforms of the kernel offsets.
+    Offsets = 2,
+    /// Totals of whole blocks of spacings.
+    Blocks = 3,
+    /// Scrambles and shifts of low-discrepancy points.
+    Scramble = 4,
+    /// Shift of the first coordinate of a net.
+    Shift = 5,
+}
+
+/// SplitMix64's finaliser: a bijection of 64-bit words whose output bits all depend on all input bits
+/// (Steele, Lea, Flood 2014).
+pub fn mix(mut z: u64) -> u64 {
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// A hash of several words, each position distinct.
+pub fn hash(words: &[u64]) -> u64 {
+    words.iter().fold(0x9e37_79b9_7f4a_7c15, |h, &w| {
+        mix(h.rotate_left(23).wrapping_add(mix(w.wrapping_add(0x9e37_79b9_7f4a_7c15))))
+    })
+}
+
+/// The generator for a seed, a purpose and a block. Streams of different keys are independent: the key sets
+/// both the state and the increment of a PCG64-DXSM (plain PCG64 streams correlate).
+pub fn keyed(seed: u64, purpose: Purpose, block: u64) -> Pcg64Dxsm {
+    let word = |i: u64| u128::from(hash(&[seed, purpose as u64, block, i]));
+    Pcg64Dxsm::new(word(0) << 64 | word(1), word(2) << 64 | word(3))
+}
+
+/// A uniform in the open interval (0, 1) from the top 52 bits: `(n + 1/2) / 2^52`.
+pub fn open01(bits: u64) -> f64 {
+    ((bits >> 12) as f64 + 0.5) * (1.0 / (1u64 << 52) as f64)
+}
+
+/// Fills a slice with 32-bit words from four generators in turn, so that their latencies overlap.
+pub fn fill_u32(seed: u64, purpose: Purpose, block: u64, out: &mut [u32]) {
+    let mut lanes: [Pcg64Dxsm; 4] = std::array::from_fn(|l| keyed(seed, purpose, block << 2 | l as u64));
+    let mut chunks = out.chunks_exact_mut(8);
+    for chunk in &mut chunks {
+        let words: [u64; 4] = [lanes[0].next_u64(), lanes[1].next_u64(), lanes[2].next_u64(), lanes[3].next_u64()];
+        for (pair, word) in chunk.chunks_exact_mut(2).zip(words) {
+            pair[0] = word as u32;
+            pair[1] = (word >> 32) as u32;
+        }
+    }
+    for (i, v) in chunks.into_remainder().iter_mut().enumerate() {
+        *v = lanes[i & 3].next_u64() as u32;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_same_key_gives_the_same_words_and_any_other_key_different_ones() {
+        let words = |seed, purpose, block| {
+            let mut out = [0u32; 37];
+            fill_u32(seed, purpose, block, &mut out);
+            out
+        };
+        let base = words(1, Purpose::Offsets, 0);
+        assert_eq!(base, words(1, Purpose::Offsets, 0));
+        for other in [words(2, Purpose::Offsets, 0), words(1, Purpose::Targets, 0), words(1, Purpose::Offsets, 1)] {
+            assert!(base.iter().zip(other).filter(|(a, b)| **a == *b).count() < 2);
+        }
+    }
+
+    #[test]
+    fn open01_never_reaches_its_ends() {
+        assert!(open01(0) > 0.0 && open01(u64::MAX) < 1.0);
+    }
+}

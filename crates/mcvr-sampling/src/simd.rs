@@ -1,0 +1,72 @@
+//! Which vector instructions run, decided at run time.
+//!
+//! Vector code here is plain Rust that the compiler vectorises, compiled once per level inside a function
+//! with the level's target features. No level fuses multiplications and additions, so all levels give the
+//! same bits; tests hold them to that.
+
+/// A set of vector instructions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum SimdLevel {
+    /// What the target always has (SSE2 on x86-64).
+    Portable,
+    /// AVX2, on x86-64.
+    Avx2,
+    /// AVX-512 F, BW, DQ and VL, on x86-64.
+    Avx512,
+}
+
+impl SimdLevel {
+    /// The best level of this processor.
+    pub fn detect() -> Self {
+        *Self::available().last().unwrap_or(&SimdLevel::Portable)
+    }
+
+    /// Every level this processor has, in rising order.
+    pub fn available() -> Vec<Self> {
+        #[allow(unused_mut, reason = "only x86-64 has more than one level")]
+        let mut levels = vec![SimdLevel::Portable];
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("popcnt") {
+                levels.push(SimdLevel::Avx2);
+                if is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512bw")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512vl")
+                {
+                    levels.push(SimdLevel::Avx512);
+                }
+            }
+        }
+        levels
+    }
+}
+
+/// Defines `fn $name($level, args...)` that runs the inlined `$body(args...)` compiled for that level.
+macro_rules! vectorised {
+    ($(#[$doc:meta])* $vis:vis fn $name:ident $(<$($g:ident : $b:path),*>)? ($($arg:ident : $t:ty),* $(,)?) $(-> $r:ty)? = $body:path) => {
+        $(#[$doc])*
+        #[allow(clippy::too_many_arguments, reason = "a kernel takes its arrays one by one")]
+        $vis fn $name $(<$($g: $b),*>)? (level: $crate::simd::SimdLevel, $($arg: $t),*) $(-> $r)? {
+            #[cfg(target_arch = "x86_64")]
+            {
+                #[target_feature(enable = "avx2,popcnt")]
+                #[allow(clippy::too_many_arguments, reason = "as above")]
+                fn avx2 $(<$($g: $b),*>)? ($($arg: $t),*) $(-> $r)? { $body($($arg),*) }
+                #[target_feature(enable = "avx2,popcnt,avx512f,avx512bw,avx512dq,avx512vl")]
+                #[allow(clippy::too_many_arguments, reason = "as above")]
+                fn avx512 $(<$($g: $b),*>)? ($($arg: $t),*) $(-> $r)? { $body($($arg),*) }
+                match level {
+                    $crate::simd::SimdLevel::Portable => {}
+                    // SAFETY: `SimdLevel::available` names a level only when the processor has its features.
+                    $crate::simd::SimdLevel::Avx2 => return unsafe { avx2 $(::<$($g),*>)? ($($arg),*) },
+                    // SAFETY: as above.
+                    $crate::simd::SimdLevel::Avx512 => return unsafe { avx512 $(::<$($g),*>)? ($($arg),*) },
+                }
+            }
+            let _ = level;
+            $body($($arg),*)
+        }
+    };
+}
+pub(crate) use vectorised;

@@ -2,6 +2,14 @@
 //!
 //! A [`Volume`] is a [`Grid`] with [`Voxels`] kept in the type in which the file stores them. [`load`] reads one from
 //! a file of any supported format, found by its content, or generates a [`Phantom`].
+//!
+//! ```
+//! let loaded = mcvr_volume::load("phantom:lobster@48", None)?;
+//! let summary = mcvr_volume::Summary::of(&loaded.volume);
+//! assert_eq!(loaded.volume.grid().dims(), [48, 48, 48]);
+//! assert!(summary.max > 200.0 && summary.zero_share() > 0.5);
+//! # Ok::<(), mcvr_volume::VolumeError>(())
+//! ```
 
 // First, because its `with_voxels!` is used by the others.
 #[macro_use]

@@ -258,10 +258,15 @@ fn affine(h: &Header, notes: &mut Vec<String>) -> (Affine, &'static str) {
     (Affine::axis_aligned(spacing, DVec3::ZERO), "pixdim")
 }
 
-/// Rotation matrix of the unit quaternion with vector part (b, c, d) and a scalar part that is not negative
-/// (nifti1.h, "quaternion representation of rotation matrix").
+/// Rotation matrix of the unit quaternion with vector part (b, c, d) and a scalar part a that is not negative
+/// (nifti1.h, "quaternion representation of rotation matrix"). NaN for a quaternion that is not finite.
 fn quaternion_matrix(v: DVec3) -> DMat3 {
     let rest = 1.0 - v.length_squared();
     let (a, v) = if rest < 1e-7 { (0.0, v / v.length()) } else { (rest.sqrt(), v) };
-    DMat3::from_quat(glam::DQuat::from_xyzw(v.x, v.y, v.z, a))
+    let [b, c, d] = v.to_array();
+    DMat3::from_cols(
+        DVec3::new(a * a + b * b - c * c - d * d, 2.0 * (b * c + a * d), 2.0 * (b * d - a * c)),
+        DVec3::new(2.0 * (b * c - a * d), a * a + c * c - b * b - d * d, 2.0 * (c * d + a * b)),
+        DVec3::new(2.0 * (b * d + a * c), 2.0 * (c * d - a * b), a * a + d * d - b * b - c * c),
+    )
 }

@@ -96,10 +96,11 @@ fn parse_header(source: &Source) -> Result<(Fields<'_>, usize), VolumeError> {
         return Err(fields.error("magic", format!("'{magic}' is not one of NRRD0001 to NRRD0005")));
     }
     loop {
-        let Some((line, next)) = line_at(bytes, at) else {
-            if all.len() > MAX_HEADER {
-                return Err(fields.error("end", format!("no empty line within the first {MAX_HEADER} bytes")));
-            }
+        let line = line_at(bytes, at);
+        if all.len() > MAX_HEADER && line.is_none_or(|(_, next)| next == bytes.len()) {
+            return Err(fields.error("end", format!("no empty line within the first {MAX_HEADER} bytes")));
+        }
+        let Some((line, next)) = line else {
             // A detached header may end without an empty line.
             if fields.get(&["data file", "datafile"]).is_some() {
                 return Ok((fields, all.len()));

@@ -128,15 +128,19 @@ fn unknown_geometry(
     let mut text = format!(
         "not NRRD, MetaImage or NIfTI, so read as raw; give its {missing} (as options, or in the name: NAME_301x324x56_uint8.raw)"
     );
-    if let Ok(Found::Exactly(n)) = unpacked_size(source.bytes(), coding, 1 << 30) {
-        text += &format!("; it holds {n} bytes");
-        let fits = match dims {
-            Some(dims) => types_that_fit(dims, n, 0),
-            None => cubes_that_fit(n),
-        };
-        if !fits.is_empty() {
-            text += &format!(", which fits {}", fits.join(", "));
+    match unpacked_size(source.bytes(), coding, 1 << 30) {
+        Ok(Found::Exactly(n)) => {
+            text += &format!("; it holds {n} bytes");
+            let fits = match dims {
+                Some(dims) => types_that_fit(dims, n, 0),
+                None => cubes_that_fit(n),
+            };
+            if !fits.is_empty() {
+                text += &format!(", which fits {}", fits.join(", "));
+            }
         }
+        Ok(_) => {}
+        Err(e) => text += &format!("; its gzip data are damaged: {e}"),
     }
     text
 }

@@ -6,6 +6,9 @@ use crate::VolumeError;
 /// Most bytes of a text header.
 pub(crate) const MAX_HEADER: usize = 1 << 20;
 
+/// Most fields of a text header: each new one is compared with all before it.
+const MAX_FIELDS: usize = 4096;
+
 /// The line that begins at `from` without its end (`\n` or `\r\n`), and where the next one begins. `None` at the
 /// end of the bytes. A last line without an end counts as one.
 pub(crate) fn line_at(bytes: &[u8], from: usize) -> Option<(&[u8], usize)> {
@@ -33,10 +36,13 @@ impl<'a> Fields<'a> {
     /// Adds a field.
     ///
     /// # Errors
-    /// [`VolumeError::Header`] when it is there already.
+    /// [`VolumeError::Header`] when it is there already, or when there are too many.
     pub(crate) fn insert(&mut self, key: String, value: String) -> Result<(), VolumeError> {
         if self.entries.iter().any(|e| e.0 == key) {
-            return Err(self.error(&key, "is given twice"));
+            return Err(self.error(&clip(&key), "is given twice"));
+        }
+        if self.entries.len() >= MAX_FIELDS {
+            return Err(self.error(&clip(&key), format!("is one field too many: the limit is {MAX_FIELDS}")));
         }
         self.entries.push((key, value));
         Ok(())

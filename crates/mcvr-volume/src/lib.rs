@@ -7,7 +7,7 @@
 //! let loaded = mcvr_volume::load("phantom:lobster@48", None)?;
 //! let summary = mcvr_volume::Summary::of(&loaded.volume);
 //! assert_eq!(loaded.volume.grid().dims(), [48, 48, 48]);
-//! assert!(summary.max > 200.0 && summary.zero_share() > 0.5);
+//! assert!(summary.max > 100.0 && summary.zero_share() > 0.5);
 //! # Ok::<(), mcvr_volume::VolumeError>(())
 //! ```
 

@@ -5,13 +5,10 @@
 //! variate independent of how it is divided within the block, so blocks are drawn first, one Gamma each, and a
 //! block's inside can be drawn at any time on any thread.
 
-use mcvr_sampling::rng::{Purpose, fill_u32, keyed};
-use mcvr_sampling::{BLOCK, PointBlock, PointStream, block_count, block_len};
+use mcvr_sampling::rng::{Purpose, exponentials, fill_u32, keyed};
+use mcvr_sampling::{PointBlock, PointStream, block_count, block_len};
 use rand::RngExt;
 use rand_distr::{Exp1, Gamma};
-
-/// Fixed-point fraction bits of a spacing: 4096 spacings below 2^5 sum below 2^57.
-const BITS: u32 = 40;
 
 /// Independent samples in rising order of their targets.
 #[derive(Clone, Debug)]
@@ -54,6 +51,7 @@ impl PointStream for OrderStatistics {
         let [words, ..] = &mut out.uniforms;
         fill_u32(self.seed, Purpose::Targets, block, words);
         exponentials(words, &mut out.targets);
+        // 4096 spacings below 2^5, with 40 fraction bits, sum below 2^57.
         let mut sum = 0u64;
         for t in &mut out.targets {
             sum += *t;
@@ -68,14 +66,6 @@ impl PointStream for OrderStatistics {
             *t = ((offset + *t as f64 * scale) as u64).min(largest);
         }
         crate::unsorted::fill_offsets(self.seed, block, out);
-    }
-}
-
-/// `-ln((n + 1/2) / 2^32)` in fixed point, for each word n.
-fn exponentials(words: &[u32], out: &mut [u64]) {
-    for (o, &w) in out.iter_mut().zip(words) {
-        let u = (f64::from(w) + 0.5) * (1.0 / 4_294_967_296.0);
-        *o = (-u.ln() * (1u64 << BITS) as f64) as u64;
     }
 }
 

@@ -329,7 +329,7 @@ impl Run<'_> {
 
     fn summary(&self) -> RunSummary {
         let o = self.options;
-        let series_only = |m: u64| o.series.contains(&m) && !o.samples.contains(&m);
+        let series_only = |m: u64| !o.samples.is_empty() && o.series.contains(&m) && !o.samples.contains(&m);
         let reference = self.truth.rel_error_estimate;
         let commits: BTreeSet<String> = self.records.iter().filter_map(|r| r.commit.clone()).collect();
         let planned: HashSet<RecordKey> = self.groups().iter().flatten().map(|j| self.key(j)).collect();

@@ -1,12 +1,15 @@
 //! The pictures of a run: the truth, the series of images, and the signed differences, all under the same tones.
 
+use std::io::Cursor;
 use std::path::Path;
 
+use image::GrayImage;
 use mcvr_scene::film::{Tone, diverging_rgb, write, write_rgb8};
 use mcvr_scene::{Image, film::ImageFormat};
 use serde::Serialize;
 
 use crate::HarnessError;
+use crate::record::write_file;
 
 /// One image of the series; paths are relative to the run's folder.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -72,11 +75,15 @@ impl<'a> Pictures<'a> {
         write_difference(image, self.truth, self.scale, &self.folder.join(difference))
     }
 
+    /// Writes grey levels under the truth's window (an image on its own would get its own).
     fn write_grey(&self, image: &Image, path: &Path) -> Result<(), HarnessError> {
-        let tone = Tone::default();
-        let grey = |g: f64| [(g * 255.0).round() as u8; 3];
-        let pixels: Vec<[u8; 3]> = tone.apply(image, self.limits).into_iter().map(grey).collect();
-        Ok(write_rgb8(image.extent(), &pixels, path)?)
+        let levels = Tone::default().apply(image, self.limits).into_iter().map(|g| (g * 255.0).round() as u8).collect();
+        let (width, height) = (image.extent().width as u32, image.extent().height as u32);
+        let grey = GrayImage::from_raw(width, height, levels)
+            .ok_or_else(|| HarnessError::file(path, "pixel buffer of the wrong size"))?;
+        let mut png = Cursor::new(Vec::new());
+        grey.write_to(&mut png, image::ImageFormat::Png).map_err(|e| HarnessError::file(path, e))?;
+        write_file(path, png.get_ref())
     }
 }
 

@@ -4,16 +4,22 @@
 //! The harness knows nothing about how images are made. [`converge`] is the entry point; everything it writes goes
 //! into one folder, from which an interrupted run resumes. Terms follow METHOD sections 4, 6 and 7.
 
+mod chart;
 pub mod converge;
 mod error;
 pub mod fit;
 mod folder;
+mod format;
+mod html;
 mod images;
 mod machine;
+mod markdown;
 mod method;
 pub mod metrics;
 mod output;
+pub mod plot;
 pub mod record;
+mod report;
 pub mod summary;
 
 pub use converge::{ConvergeOptions, RunMeta, RunWatch, Truth, converge};
@@ -24,4 +30,5 @@ pub use machine::{git_commit, machine};
 pub use method::{Method, MethodError, PhaseSeconds, Rendered};
 pub use metrics::Comparison;
 pub use record::{Record, RecordKey};
+pub use report::key_lines;
 pub use summary::{MethodSummary, Ratio, Row, RunSummary, Spread, TruthSummary};

@@ -1,0 +1,396 @@
+//! What a report says: blocks of content, which [`html`](crate::html) and [`markdown`](crate::markdown) lay out.
+
+use crate::fit::{CONFIDENCE, FLOOR_FACTOR, SlopeFit};
+use crate::format::{percent, samples, seconds, significant, slope};
+use crate::{MethodSummary, Row, RunSummary, Spread, plot};
+
+/// Sample count and time of a complete X-ray image in the report by Law and Blythe, as printed there.
+const REPORT_COMPLETE: (u64, f64) = (1_000_000, 1.192);
+
+/// A piece of a report.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Block {
+    /// The answer, set larger.
+    Lead(String),
+    Heading(String),
+    Text(String),
+    Code(String),
+    /// Header and rows; the first `names` columns are text, the others figures.
+    Table {
+        head: Vec<String>,
+        names: usize,
+        rows: Vec<Vec<String>>,
+    },
+    /// File name of an SVG in the run's folder, and what it shows.
+    Plot(String, String),
+    /// (file name, caption) of pictures in the run's folder, side by side.
+    Pictures(Vec<(String, String)>),
+    /// (file name, what is in it).
+    Files(Vec<(String, String)>),
+}
+
+/// Title of the report.
+pub(crate) fn title(run: &RunSummary) -> String {
+    format!("What accuracy costs in time: {}", run.meta.dataset)
+}
+
+/// The three most important lines of a run, for a terminal: what the first method reaches, what the best one
+/// gains, and how the errors fall.
+pub fn key_lines(run: &RunSummary) -> [String; 3] {
+    let (first, gain) = answer(run);
+    let slopes: Vec<String> =
+        run.methods.iter().filter_map(|m| m.fit.map(|f| format!("{} {}", m.label, interval(&f)))).collect();
+    let slopes = if slopes.is_empty() {
+        "Slopes: too few sample counts above the truth's own error.".to_owned()
+    } else {
+        format!("Slope of log error against log M, {:.0} % interval: {}.", 100.0 * CONFIDENCE, slopes.join("; "))
+    };
+    [first, gain, slopes]
+}
+
+/// The whole report.
+pub(crate) fn blocks(run: &RunSummary) -> Vec<Block> {
+    let (first, gain) = answer(run);
+    let mut blocks = vec![Block::Lead(format!("{first} {gain}"))];
+    if run.measured < run.planned {
+        let text = format!("This run is not complete: {} of {} images are measured.", run.measured, run.planned);
+        blocks.push(Block::Text(text));
+    }
+    let (curves, series): (Vec<&Row>, Vec<&Row>) = run.rows.iter().partition(|r| !r.series_only);
+    let plotted = !curves.is_empty();
+    if plotted {
+        blocks.push(Block::Plot(plot::ERROR_VS_TIME.into(), "Error against time. Lower left is better.".into()));
+    }
+    blocks.extend(headline(run).map(|m| headline_table(run, m)));
+    blocks.push(Block::Heading("Error by sample count".into()));
+    blocks.push(Block::Text(error_notes(run)));
+    blocks.push(error_table(run));
+    if plotted {
+        blocks.push(Block::Plot(plot::ERROR_VS_SAMPLES.into(), "Error against samples.".into()));
+    }
+    blocks.push(Block::Text(bias_text(run)));
+    blocks.push(Block::Heading("Slopes".into()));
+    blocks.push(Block::Text(format!(
+        "The exponent of M in the error, by weighted least squares on the replicates' mean log error, with its {:.0} % \
+         Student t interval. “Upper half” uses only the larger sample counts, where the theory's exponents apply.",
+        100.0 * CONFIDENCE
+    )));
+    blocks.push(slope_table(run));
+    blocks.push(Block::Heading("Time by sample count".into()));
+    blocks.push(Block::Text(
+        "Medians of single images over the replicates, fastest to slowest in brackets. “Rendering” is the projection of \
+         the samples onto the film; “complete” is the whole image from the volume in memory. The last column is the time \
+         per sample. The line of the 2003-era report is as printed there: another machine and another volume."
+            .into(),
+    ));
+    blocks.push(time_table(run));
+    if plotted {
+        blocks.push(Block::Plot(plot::TIME_VS_SAMPLES.into(), "Time against samples.".into()));
+    }
+    picture_blocks(run, &mut blocks);
+    method_blocks(run, !series.is_empty(), &mut blocks);
+    blocks
+}
+
+/// The sample count of the headline: the report's million if the first method has it, else the largest that most
+/// methods share.
+fn headline(run: &RunSummary) -> Option<u64> {
+    let first = &run.methods.first()?.name;
+    let sharing = |m: u64| run.rows.iter().filter(|r| r.samples == m).count();
+    let mine = || run.rows.iter().filter(|r| r.method == *first).map(|r| r.samples);
+    let most = mine().map(sharing).max()?;
+    mine().find(|&m| m == REPORT_COMPLETE.0 && sharing(m) == most).or(mine().filter(|&m| sharing(m) == most).max())
+}
+
+/// The answer in two sentences: where the first method stands, and what the best of the others gains.
+fn answer(run: &RunSummary) -> (String, String) {
+    let found = headline(run).and_then(|m| {
+        let rows: Vec<&Row> = run.rows.iter().filter(|r| r.samples == m).collect();
+        let first = rows.iter().find(|r| Some(&r.method) == run.methods.first().map(|m| &m.name)).copied()?;
+        Some((rows, first))
+    });
+    let Some((rows, first)) = found else {
+        return ("Nothing was measured yet.".into(), "There is nothing to compare.".into());
+    };
+    let method = |row: &Row| run.methods.iter().find(|m| m.name == row.method);
+    let label = |row: &Row| method(row).map_or(row.method.clone(), |m| m.label.clone());
+    let unit = method(first).map_or("samples", |m| m.budget_unit.as_str());
+    let opening = format!(
+        "At {} {unit}, {} differs from the ray-cast truth by {} of the mean pixel (RMSE) and takes {}.",
+        samples(first.samples),
+        label(first),
+        percent(first.error),
+        seconds(first.complete.median)
+    );
+    let gains = rows.iter().filter(|r| r.method != first.method).filter_map(|r| Some((*r, r.efficiency?)));
+    let best = gains.max_by(|a, b| a.1.value.total_cmp(&b.1.value));
+    let gain = match best {
+        None => "No other method was measured there.".to_owned(),
+        Some((row, gain)) => {
+            let sd = gain.sd.map_or(String::new(), |sd| format!(" ± {}", significant(sd, 2)));
+            let verdict = if gain.value >= 1.0 { "at equal error it is" } else { "which makes it only" };
+            format!(
+                "{} there: {} in {}; {verdict} {}{sd} times as efficient (1 / (error² · time)).",
+                label(row),
+                percent(row.error),
+                seconds(row.complete.median),
+                significant(gain.value, 3)
+            )
+        }
+    };
+    (opening, gain)
+}
+
+fn headline_table(run: &RunSummary, m: u64) -> Block {
+    let rows = run.rows.iter().filter(|r| r.samples == m);
+    Block::Table {
+        head: strings(&[&format!("At M = {}", samples(m)), "Error", "Time", "Efficiency", "Slope"]),
+        names: 1,
+        rows: rows
+            .map(|r| {
+                let method = run.methods.iter().find(|m| m.name == r.method);
+                vec![
+                    method.map_or(r.method.clone(), |m| m.label.clone()),
+                    with_error(r),
+                    seconds(r.complete.median),
+                    ratio(r.efficiency.map(|e| (e.value, e.sd))),
+                    method.and_then(|m| m.fit).map_or(dash(), |f| slope(f.slope)),
+                ]
+            })
+            .collect(),
+    }
+}
+
+fn error_notes(run: &RunSummary) -> String {
+    let first = run.methods.first().map_or("the first method", |m| m.label.as_str());
+    format!(
+        "RMSE over the truth's mean pixel: the root mean square over the replicates ± its standard error, and in brackets \
+         the ratio to {first} at the same M. † marks errors below {FLOOR_FACTOR} times the truth's own ({}), where the \
+         truth itself starts to matter; they are in no plot or fit. Efficiency is 1 / (error² · time), relative to {first}.",
+        percent(run.truth.rel_error_estimate)
+    )
+}
+
+fn error_table(run: &RunSummary) -> Block {
+    let mut head = vec!["M".to_owned()];
+    head.extend(run.methods.iter().map(|m| m.label.clone()));
+    let floor = FLOOR_FACTOR * run.truth.rel_error_estimate;
+    let cell = |m: u64, method: &MethodSummary| {
+        let row = run.rows.iter().find(|r| r.samples == m && r.method == method.name);
+        row.map_or(dash(), |r| {
+            let mark = if r.error < floor { " †" } else { "" };
+            let of_first = r.error_ratio.filter(|_| run.methods.first() != Some(method));
+            let of_first = of_first.map_or(String::new(), |q| format!(" ({}×)", significant(q.value, 3)));
+            format!("{}{mark}{of_first}", with_error(r))
+        })
+    };
+    let rows = counts(run).into_iter().map(|m| {
+        let mut row = vec![samples(m)];
+        row.extend(run.methods.iter().map(|method| cell(m, method)));
+        row
+    });
+    Block::Table { head, names: 0, rows: rows.collect() }
+}
+
+fn bias_text(run: &RunSummary) -> String {
+    let label = |name: &str| run.methods.iter().find(|m| m.name == name).map_or(name, |m| m.label.as_str()).to_owned();
+    let tested = run.rows.iter().filter(|r| r.bias_p.is_some()).count();
+    let found: Vec<String> = run
+        .rows
+        .iter()
+        .filter(|r| r.biased)
+        .map(|r| {
+            let half = r.bias_half.map_or(String::new(), |h| format!(" ± {}", percent(h)));
+            format!("{} at M = {}: {}{half}", label(&r.method), samples(r.samples), percent(r.bias))
+        })
+        .collect();
+    match (tested, found.is_empty()) {
+        (0, _) => "Bias: not tested; it takes at least two replicates.".into(),
+        (n, true) => format!(
+            "Bias: in none of {n} tests does the mean of the images over the replicates differ from the truth's mean by more \
+             than chance and the truth's own error allow (1 % over all tests, Šidák)."
+        ),
+        (_, false) => format!("Bias: beyond chance (1 % over all tests, Šidák) differ {}.", found.join("; ")),
+    }
+}
+
+fn slope_table(run: &RunSummary) -> Block {
+    let row = |m: &MethodSummary| {
+        let fit = m.fit.as_ref();
+        vec![
+            m.label.clone(),
+            m.expected_slope.map_or(dash(), slope),
+            fit.map_or(dash(), interval),
+            fit.map_or(dash(), |f| format!("{} to {}", samples(f.from), samples(f.to))),
+            fit.map_or(dash(), |f| f.points.to_string()),
+            m.tail_fit.as_ref().map_or(dash(), interval),
+        ]
+    };
+    Block::Table {
+        head: strings(&["Method", "Expected", "Measured", "From M to M", "Points", "Upper half"]),
+        names: 1,
+        rows: run.methods.iter().map(row).collect(),
+    }
+}
+
+fn time_table(run: &RunSummary) -> Block {
+    let mut rows = Vec::new();
+    let report = |rows: &mut Vec<Vec<String>>| {
+        let (m, time) = REPORT_COMPLETE;
+        let ns = significant(time * 1e9 / m as f64, 3);
+        let row =
+            [samples(m), "2003-era report".into(), dash(), dash(), dash(), format!("{time} s"), format!("{ns} ns")];
+        rows.push(row.to_vec());
+    };
+    let mut pending = true;
+    for m in counts(run) {
+        if pending && m > REPORT_COMPLETE.0 {
+            report(&mut rows);
+            pending = false;
+        }
+        for r in run.rows.iter().filter(|r| r.samples == m) {
+            let label = run.methods.iter().find(|m| m.name == r.method).map_or(&r.method, |m| &m.label);
+            let phase = |s: Spread| if s.max > 0.0 { seconds(s.median) } else { dash() };
+            rows.push(vec![
+                samples(m),
+                label.clone(),
+                phase(r.distribution),
+                phase(r.sampling),
+                phase(r.projection),
+                with_ends(r.complete),
+                format!("{} ns", significant(r.ns_per_sample, 3)),
+            ]);
+        }
+    }
+    if pending {
+        report(&mut rows);
+    }
+    let head = strings(&["M", "Method", "Distribution", "Sampling", "Rendering", "Complete", "Per sample"]);
+    Block::Table { head, names: 2, rows }
+}
+
+fn picture_blocks(run: &RunSummary, blocks: &mut Vec<Block>) {
+    blocks.push(Block::Heading("Images".into()));
+    blocks.push(Block::Text(format!(
+        "All images under the truth's tones (0th to 99.9th percentile). Differences are image minus truth: red too bright, \
+         blue too dark, full colour at ±{} or twice the truth's mean pixel.",
+        significant(run.difference_scale, 3)
+    )));
+    blocks.push(Block::Pictures(vec![("truth.png".into(), "Truth, ray cast".into())]));
+    for method in &run.methods {
+        let series: Vec<_> = run.series.iter().filter(|s| s.method == method.name).collect();
+        if series.is_empty() {
+            continue;
+        }
+        blocks.push(Block::Heading(method.label.clone()));
+        let caption = |s: &&crate::SeriesImage| {
+            let error = s.rel_rmse.map_or(String::new(), |e| format!(", error {}", percent(e)));
+            (s.image.clone(), format!("M = {}{error}", samples(s.samples)))
+        };
+        blocks.push(Block::Pictures(series.iter().map(caption).collect()));
+        let caption =
+            |s: &&crate::SeriesImage| (s.difference.clone(), format!("M = {}, difference", samples(s.samples)));
+        blocks.push(Block::Pictures(series.iter().map(caption).collect()));
+    }
+}
+
+fn method_blocks(run: &RunSummary, has_series: bool, blocks: &mut Vec<Block>) {
+    let m = &run.meta;
+    let commits = if run.commits.is_empty() { "unknown".to_owned() } else { run.commits.join(", ") };
+    blocks.push(Block::Heading("How it was measured".into()));
+    for text in [
+        format!(
+            "The truth is the same image by ray casting, integrated until its own error estimate is {} of the mean pixel; it \
+             took {}. Errors are differences from it, pixel by pixel, before any tone.",
+            percent(run.truth.rel_error_estimate),
+            seconds(run.truth.seconds)
+        ),
+        format!(
+            "Each figure rests on independent repetitions: {} Each replicate has a seed of its own, the same for all \
+             methods (run seed {}). Methods take turns within each sample count and replicate, so that a change of the \
+             machine's pace hits all alike; each makes one image that is not counted before the first that is.",
+            plot::repetitions(run),
+            run.seed
+        ),
+        format!(
+            "Data: {}; density: {}; view: {}; image: {}; kernel: {}; a pixel is: {} ({}). Machine: {}; threads: {}; \
+             program {} at commit {commits}.{}",
+            m.dataset,
+            m.density,
+            m.view,
+            run.size,
+            m.kernel.name(),
+            m.estimand,
+            m.estimand.unit(),
+            m.machine,
+            m.threads,
+            env!("CARGO_PKG_VERSION"),
+            if has_series {
+                " Sample counts that are measured only for the image series stand in the tables, not in plots and fits."
+            } else {
+                ""
+            }
+        ),
+        "The command:".to_owned(),
+    ] {
+        blocks.push(Block::Text(text));
+    }
+    blocks.push(Block::Code(m.command.clone()));
+    blocks.push(Block::Heading("Files".into()));
+    let files = [
+        ("records.csv", "every measured image, one row each; units in the column names"),
+        ("records.jsonl", "the same with all counters, appended while measuring"),
+        ("summary.json", "what the tables of this page show"),
+        ("run.json", "what this folder measures"),
+        ("truth.npy", "the truth's linear pixel values, NumPy"),
+        ("truth.png", "the truth under its tone"),
+        (plot::ERROR_VS_TIME, "error against time"),
+        (plot::ERROR_VS_SAMPLES, "error against samples"),
+        (plot::TIME_VS_SAMPLES, "time against samples"),
+    ];
+    let present = files.into_iter().filter(|(name, _)| run.folder.join(name).exists());
+    blocks.push(Block::Files(present.map(|(n, w)| (n.to_owned(), w.to_owned())).collect()));
+}
+
+fn counts(run: &RunSummary) -> Vec<u64> {
+    let mut counts: Vec<u64> = run.rows.iter().map(|r| r.samples).collect();
+    counts.dedup();
+    counts
+}
+
+fn with_error(row: &Row) -> String {
+    let se = row.error_se.map_or(String::new(), |se| format!(" ± {}", significant(100.0 * se, 2)));
+    let error = percent(row.error);
+    if se.is_empty() { error } else { format!("{}{se} %", error.trim_end_matches(" %")) }
+}
+
+fn with_ends(s: Spread) -> String {
+    if s.min == s.max {
+        seconds(s.median)
+    } else {
+        format!("{} ({}–{})", seconds(s.median), seconds(s.min), seconds(s.max))
+    }
+}
+
+fn ratio(value: Option<(f64, Option<f64>)>) -> String {
+    let Some((value, sd)) = value else { return dash() };
+    match sd.filter(|&sd| sd > 0.0) {
+        Some(sd) => format!("{} ± {}", significant(value, 3), significant(sd, 2)),
+        None => significant(value, 3),
+    }
+}
+
+fn interval(fit: &SlopeFit) -> String {
+    match fit.low.zip(fit.high) {
+        Some((low, high)) => format!("{} [{}, {}]", slope(fit.slope), slope(low), slope(high)),
+        None => slope(fit.slope),
+    }
+}
+
+fn dash() -> String {
+    "–".to_owned()
+}
+
+fn strings(list: &[&str]) -> Vec<String> {
+    list.iter().map(|s| (*s).to_owned()).collect()
+}

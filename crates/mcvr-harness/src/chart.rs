@@ -120,7 +120,7 @@ impl Chart {
         let fail = |e: String| HarnessError::Plot { name: self.name.to_owned(), problem: e };
         let size = ((SIZE.0 * FINE) as u32, (SIZE.1 * FINE) as u32);
         let area = SVGBackend::with_string(&mut svg, size).into_drawing_area();
-        self.draw(&Pen { area: &area }).and_then(|()| area.present()).map_err(|e| fail(e.to_string()))?;
+        self.with_room().draw(&Pen { area: &area }).and_then(|()| area.present()).map_err(|e| fail(e.to_string()))?;
         drop(area);
         // Shown at CSS size, scaled by the view box; the title is what a screen reader says.
         let fine = format!("<svg width=\"{}\" height=\"{}\"", size.0, size.1);
@@ -133,10 +133,26 @@ impl Chart {
         Ok(format!("{}{title}{}", svg[..head].replacen(&fine, &plain, 1), &svg[head..]))
     }
 
+    /// The chart with its y axis a decade or two longer when the legend would otherwise hide points.
+    fn with_room(&self) -> Self {
+        let mut chart = self.clone();
+        for _ in 0..2 {
+            if chart.free_corner(&chart.field(0)).1 > 0 {
+                chart.y.decades[1] += 1;
+            }
+        }
+        chart
+    }
+
+    /// The rectangle of the data above a caption of so many lines.
+    fn field(&self, caption_lines: usize) -> Field<'_> {
+        let bottom = f64::from(SIZE.1) - 62.0 - 16.0 * caption_lines as f64;
+        Field { left: 74.0, right: f64::from(SIZE.0) - 22.0, top: 76.0, bottom, x: &self.x, y: &self.y }
+    }
+
     fn draw<DB: DrawingBackend>(&self, pen: &Pen<'_, DB>) -> Drawn<DB> {
         let lines: Vec<String> = self.caption.iter().flat_map(|line| wrap(line, 112)).collect();
-        let bottom = SIZE.1 as f64 - 62.0 - 16.0 * lines.len() as f64;
-        let field = Field { left: 74.0, right: SIZE.0 as f64 - 22.0, top: 76.0, bottom, x: &self.x, y: &self.y };
+        let field = self.field(lines.len());
         pen.area.fill(&WHITE)?;
         // A bold letter is about 0.62 of the font's size wide; a long title gets a smaller font.
         let title_size = (728.0 / 0.62 / self.title.chars().count() as f64).clamp(10.0, 18.0);
@@ -169,7 +185,7 @@ impl Chart {
         }
         self.key(pen, &field, &styles)?;
         for (i, line) in lines.iter().enumerate() {
-            let y = bottom + 64.0 + 16.0 * i as f64;
+            let y = field.bottom + 64.0 + 16.0 * i as f64;
             pen.text((16.0, y), line, 12.0, MUTED, HPos::Left, false)?;
         }
         Ok(())
@@ -197,8 +213,20 @@ impl Chart {
         pen.text(((f.left + f.right) / 2.0, f.bottom + 39.0), &self.x.name, 13.5, MUTED, HPos::Center, false)
     }
 
-    /// Top left point of a box in the corner of the field that covers least of the curves; the first of equals.
-    fn free_corner(&self, f: &Field<'_>, width: f64, height: f64) -> (f64, f64) {
+    /// The legend's labels, and its width and height.
+    fn key_size(&self) -> (Vec<&str>, f64, f64) {
+        let guides = self.guides.iter().map(|g| g.label.as_str());
+        let labels: Vec<&str> = self.curves.iter().map(|c| c.label.as_str()).chain(guides).collect();
+        let longest = labels.iter().map(|l| l.chars().count()).max().unwrap_or(0);
+        // 7.2 px a letter is on the wide side for 13 px sans-serif; the real font is not known here.
+        let size = (56.0 + 7.2 * longest as f64, 12.0 + 20.0 * labels.len() as f64);
+        (labels, size.0, size.1)
+    }
+
+    /// Top left point of the legend in the corner of the field where it covers least of the curves, the first of
+    /// equals, and how much it covers there (0: nothing).
+    fn free_corner(&self, f: &Field<'_>) -> ((f64, f64), usize) {
+        let (_, width, height) = self.key_size();
         let (lefts, tops) = ([f.right - width - 8.0, f.left + 10.0], [f.top + 8.0, f.bottom - height - 10.0]);
         let corners = tops.into_iter().flat_map(|top| lefts.map(|left| (left, top)));
         let hidden = |(left, top): (f64, f64)| {
@@ -214,20 +242,16 @@ impl Chart {
                     .filter(|t| inside((a.0 + (b.0 - a.0) * t / 20.0, a.1 + (b.1 - a.1) * t / 20.0)))
                     .count()
             };
-            let pairs = self.curves.iter().flat_map(|c| c.points.windows(c.points.len().min(2).max(1)));
+            let pairs = self.curves.iter().flat_map(|c| c.points.windows(c.points.len().clamp(1, 2)));
             10 * usize::from(floor) + pairs.map(along).sum::<usize>()
         };
-        corners.min_by_key(|&corner| hidden(corner)).unwrap_or((lefts[0], tops[0]))
+        corners.map(|corner| (corner, hidden(corner))).min_by_key(|c| c.1).unwrap_or(((lefts[0], tops[0]), 0))
     }
 
     /// The legend: one line for each curve, then the guides.
     fn key<DB: DrawingBackend>(&self, pen: &Pen<'_, DB>, f: &Field<'_>, dashes: &[[f64; 2]; 3]) -> Drawn<DB> {
-        let labels: Vec<&str> =
-            self.curves.iter().map(|c| c.label.as_str()).chain(self.guides.iter().map(|g| g.label.as_str())).collect();
-        let longest = labels.iter().map(|l| l.chars().count()).max().unwrap_or(0);
-        // 7.2 px a letter is on the wide side for 13 px sans-serif; the real font is not known here.
-        let (width, height) = (56.0 + 7.2 * longest as f64, 12.0 + 20.0 * labels.len() as f64);
-        let (left, top) = self.free_corner(f, width, height);
+        let (labels, width, height) = self.key_size();
+        let ((left, top), _) = self.free_corner(f);
         pen.area.draw(&Rectangle::new([px((left, top)), px((left + width, top + height))], WHITE.mix(0.9).filled()))?;
         pen.area.draw(&Rectangle::new([px((left, top)), px((left + width, top + height))], stroke(1.0, GRID)))?;
         for (i, label) in labels.iter().enumerate() {
@@ -365,3 +389,7 @@ fn wrap(line: &str, most: usize) -> Vec<String> {
     }
     lines
 }
+
+#[cfg(test)]
+#[path = "chart_tests.rs"]
+mod tests;

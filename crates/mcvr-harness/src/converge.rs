@@ -248,6 +248,9 @@ impl Run<'_> {
             }
             if measured {
                 self.write_tables()?;
+                if group.iter().any(|job| job.replicate + 1 == self.options.replicates) {
+                    crate::output::write_all(&self.summary())?;
+                }
             }
         }
         (self.watch.progress)(done, total, "writing plots and reports");

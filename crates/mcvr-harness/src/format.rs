@@ -61,7 +61,7 @@ pub(crate) fn grouped(value: u64) -> String {
     let digits = value.to_string();
     let mut text = String::new();
     for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i) % 3 == 0 {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
             text.push(',');
         }
         text.push(digit);
@@ -77,6 +77,23 @@ pub(crate) fn samples(value: u64) -> String {
     } else {
         grouped(value)
     }
+}
+
+/// A figure and its standard error, both to the error's decimals: `39.04 ± 0.07`.
+pub(crate) fn with_error(value: f64, error: f64) -> String {
+    if !(error > 0.0 && error.is_finite()) {
+        return significant(value, 3);
+    }
+    // One digit of the error, two where it begins with 1.
+    let digits = if format!("{error:e}").starts_with('1') { 2 } else { 1 };
+    let decimals = |text: String| text.split_once('.').map_or(0, |(_, d)| d.len());
+    let places = decimals(significant(error, digits)).min(12);
+    format!("{value:.places$} ± {error:.places$}").replace('-', "−")
+}
+
+/// `2²⁰` for large powers of two, otherwise the grouped number.
+pub(crate) fn short_samples(value: u64) -> String {
+    samples(value).split_once('(').map_or(grouped(value), |(_, power)| power.trim_end_matches(')').to_owned())
 }
 
 /// A slope with a true minus sign.
@@ -106,6 +123,11 @@ mod tests {
         assert_eq!(grouped(1_000_000), "1,000,000");
         assert_eq!(grouped(999), "999");
         assert_eq!(samples(1 << 20), "1,048,576 (2²⁰)");
+        assert_eq!(short_samples(1 << 20), "2²⁰");
+        assert_eq!(short_samples(31_250), "31,250");
+        assert_eq!(with_error(39.041, 0.067), "39.04 ± 0.07");
+        assert_eq!(with_error(609.3, 12.3), "609 ± 12");
+        assert_eq!(with_error(4.0, 0.0), "4.00");
         assert_eq!(slope(-0.5), "−0.500");
     }
 }

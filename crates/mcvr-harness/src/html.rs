@@ -17,6 +17,7 @@ pub(crate) fn page(title: &str, blocks: &[Block], folder: &Path) -> Result<Strin
         match block {
             Block::Lead(lead) => body.push_str(&format!("<p class=\"lead\">{}</p>\n", escape(lead))),
             Block::Heading(heading) => body.push_str(&format!("<h2>{}</h2>\n", escape(heading))),
+            Block::Subheading(heading) => body.push_str(&format!("<h3>{}</h3>\n", escape(heading))),
             Block::Text(text) => body.push_str(&format!("<p>{}</p>\n", escape(text))),
             Block::Code(code) => body.push_str(&format!("<pre><code>{}</code></pre>\n", escape(code))),
             Block::Table { head, names, rows } => body.push_str(&table(head, *names, rows)),

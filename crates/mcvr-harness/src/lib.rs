@@ -5,6 +5,7 @@
 //! into one folder, from which an interrupted run resumes. Terms follow METHOD sections 4, 6 and 7.
 
 mod chart;
+pub mod compare;
 pub mod converge;
 mod error;
 pub mod fit;
@@ -22,6 +23,7 @@ pub mod record;
 mod report;
 pub mod summary;
 
+pub use compare::{FileComparison, compare_files};
 pub use converge::{ConvergeOptions, RunMeta, RunWatch, Truth, converge};
 pub use error::HarnessError;
 pub use fit::SlopeFit;

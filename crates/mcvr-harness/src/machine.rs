@@ -29,11 +29,17 @@ fn memory_gib(meminfo: &str) -> Option<u64> {
     Some((kib / 1024.0 / 1024.0).round() as u64)
 }
 
-/// The short revision of the source tree in the current folder; `None` outside a git tree or without git. A trailing
-/// `-dirty` says that tracked files were changed.
+/// The short revision of the program's source: what the variable `MCVR_COMMIT` said when it was built, else what git says
+/// of the tree it was built in, as far as that is still there; then a trailing `-dirty` says that tracked files are
+/// changed. The current folder is not asked: it may belong to another project. `None` when nothing tells.
 pub fn git_commit() -> Option<String> {
+    if let Some(commit) = option_env!("MCVR_COMMIT").filter(|c| !c.is_empty()) {
+        return Some(commit.to_owned());
+    }
     let git = |arguments: &[&str]| {
-        let output = Command::new("git").args(arguments).stdin(Stdio::null()).stderr(Stdio::null()).output().ok()?;
+        let mut command = Command::new("git");
+        command.arg("-C").arg(env!("CARGO_MANIFEST_DIR")).args(arguments);
+        let output = command.stdin(Stdio::null()).stderr(Stdio::null()).output().ok()?;
         output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
     };
     let commit = git(&["rev-parse", "--short", "HEAD"]).filter(|c| !c.is_empty())?;

@@ -13,6 +13,7 @@ pub(crate) fn page(title: &str, blocks: &[Block], folder: &Path) -> String {
         match block {
             Block::Lead(lead) => text.push_str(&format!("**{}**\n", escape(lead))),
             Block::Heading(heading) => text.push_str(&format!("## {}\n", escape(heading))),
+            Block::Subheading(heading) => text.push_str(&format!("### {}\n", escape(heading))),
             Block::Text(paragraph) => text.push_str(&format!("{}\n", escape(paragraph))),
             Block::Code(code) => code.lines().for_each(|line| text.push_str(&format!("    {line}\n"))),
             Block::Table { head, names, rows } => table(&mut text, head, *names, rows),

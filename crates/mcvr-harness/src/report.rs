@@ -1,8 +1,8 @@
 //! What a report says: blocks of content, which [`html`](crate::html) and [`markdown`](crate::markdown) lay out.
 
 use crate::fit::{CONFIDENCE, FLOOR_FACTOR, SlopeFit};
-use crate::format::{percent, samples, seconds, significant, slope};
-use crate::{MethodSummary, Row, RunSummary, Spread, plot};
+use crate::format::{self, percent, samples, seconds, short_samples, significant, slope};
+use crate::{MethodSummary, Ratio, Row, RunSummary, Spread, plot};
 
 /// Sample count and time of a complete X-ray image in the report by Law and Blythe, as printed there.
 const REPORT_COMPLETE: (u64, f64) = (1_000_000, 1.192);
@@ -13,6 +13,7 @@ pub(crate) enum Block {
     /// The answer, set larger.
     Lead(String),
     Heading(String),
+    Subheading(String),
     Text(String),
     Code(String),
     /// Header and rows; the first `names` columns are text, the others figures.
@@ -126,17 +127,13 @@ fn answer(run: &RunSummary) -> (String, String) {
     let best = gains.max_by(|a, b| a.1.value.total_cmp(&b.1.value));
     let gain = match best {
         None => "No other method was measured there.".to_owned(),
-        Some((row, gain)) => {
-            let sd = gain.sd.map_or(String::new(), |sd| format!(" ± {}", significant(sd, 2)));
-            let verdict = if gain.value >= 1.0 { "at equal error it is" } else { "which makes it only" };
-            format!(
-                "{} there: {} in {}; {verdict} {}{sd} times as efficient (1 / (error² · time)).",
-                label(row),
-                percent(row.error),
-                seconds(row.complete.median),
-                significant(gain.value, 3)
-            )
-        }
+        Some((row, gain)) => format!(
+            "{} there: {} in {}, {} times the efficiency (1 / (error² · time)).",
+            label(row),
+            percent(row.error),
+            seconds(row.complete.median),
+            ratio(Some(gain))
+        ),
     };
     (opening, gain)
 }
@@ -153,7 +150,7 @@ fn headline_table(run: &RunSummary, m: u64) -> Block {
                     method.map_or(r.method.clone(), |m| m.label.clone()),
                     with_error(r),
                     seconds(r.complete.median),
-                    ratio(r.efficiency.map(|e| (e.value, e.sd))),
+                    ratio(r.efficiency),
                     method.and_then(|m| m.fit).map_or(dash(), |f| slope(f.slope)),
                 ]
             })
@@ -221,7 +218,7 @@ fn slope_table(run: &RunSummary) -> Block {
             m.label.clone(),
             m.expected_slope.map_or(dash(), slope),
             fit.map_or(dash(), interval),
-            fit.map_or(dash(), |f| format!("{} to {}", samples(f.from), samples(f.to))),
+            fit.map_or(dash(), |f| format!("{} to {}", short_samples(f.from), short_samples(f.to))),
             fit.map_or(dash(), |f| f.points.to_string()),
             m.tail_fit.as_ref().map_or(dash(), interval),
         ]
@@ -282,7 +279,7 @@ fn picture_blocks(run: &RunSummary, blocks: &mut Vec<Block>) {
         if series.is_empty() {
             continue;
         }
-        blocks.push(Block::Heading(method.label.clone()));
+        blocks.push(Block::Subheading(method.label.clone()));
         let caption = |s: &&crate::SeriesImage| {
             let error = s.rel_rmse.map_or(String::new(), |e| format!(", error {}", percent(e)));
             (s.image.clone(), format!("M = {}{error}", samples(s.samples)))
@@ -340,6 +337,7 @@ fn method_blocks(run: &RunSummary, has_series: bool, blocks: &mut Vec<Block>) {
     let files = [
         ("records.csv", "every measured image, one row each; units in the column names"),
         ("records.jsonl", "the same with all counters, appended while measuring"),
+        ("summary.csv", "errors, biases, times and ratios by method and sample count"),
         ("summary.json", "what the tables of this page show"),
         ("run.json", "what this folder measures"),
         ("truth.npy", "the truth's linear pixel values, NumPy"),
@@ -359,25 +357,22 @@ fn counts(run: &RunSummary) -> Vec<u64> {
 }
 
 fn with_error(row: &Row) -> String {
-    let se = row.error_se.map_or(String::new(), |se| format!(" ± {}", significant(100.0 * se, 2)));
-    let error = percent(row.error);
-    if se.is_empty() { error } else { format!("{}{se} %", error.trim_end_matches(" %")) }
+    match row.error_se {
+        Some(se) => format!("{} %", format::with_error(100.0 * row.error, 100.0 * se)),
+        None => percent(row.error),
+    }
 }
 
+/// Median and, in brackets, the ends; the first end without its unit where both have the same.
 fn with_ends(s: Spread) -> String {
-    if s.min == s.max {
-        seconds(s.median)
-    } else {
-        format!("{} ({}–{})", seconds(s.median), seconds(s.min), seconds(s.max))
-    }
+    let (median, min, max) = (seconds(s.median), seconds(s.min), seconds(s.max));
+    let unit = |text: &str| text.split_once(' ').map(|(_, unit)| unit.to_owned());
+    let short = if unit(&min) == unit(&max) { min.split(' ').next().unwrap_or(&min) } else { &min };
+    if min == max { median } else { format!("{median} ({short}–{max})") }
 }
 
-fn ratio(value: Option<(f64, Option<f64>)>) -> String {
-    let Some((value, sd)) = value else { return dash() };
-    match sd.filter(|&sd| sd > 0.0) {
-        Some(sd) => format!("{} ± {}", significant(value, 3), significant(sd, 2)),
-        None => significant(value, 3),
-    }
+fn ratio(value: Option<Ratio>) -> String {
+    value.map_or(dash(), |r| format::with_error(r.value, r.sd.unwrap_or(0.0)))
 }
 
 fn interval(fit: &SlopeFit) -> String {

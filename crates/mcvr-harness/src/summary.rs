@@ -1,6 +1,6 @@
 //! What a run found: per method and sample count, and per method.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
@@ -288,9 +288,44 @@ fn median_se(values: &[f64]) -> Option<f64> {
     standard_error(values).map(|se| se * std::f64::consts::FRAC_PI_2.sqrt())
 }
 
-/// Writes `summary.json` and `summary.csv`.
-pub(crate) fn write(summary: &RunSummary, folder: &std::path::Path) -> Result<(), HarnessError> {
+/// Writes `summary.json`, which holds everything, and `summary.csv`, which holds the rows.
+pub(crate) fn write(summary: &RunSummary, folder: &Path) -> Result<(), HarnessError> {
     let path = folder.join("summary.json");
     let text = serde_json::to_vec_pretty(summary).map_err(|e| HarnessError::file(&path, e))?;
-    write_file(&path, &text)
+    write_file(&path, &text)?;
+    let path = folder.join("summary.csv");
+    let mut table = csv::Writer::from_writer(Vec::new());
+    let fail = |e: csv::Error| HarnessError::file(&path, e);
+    let columns = "method samples replicates series_only error error_se error_median error_min error_max bias \
+                   bias_half_95 bias_p distribution_s sampling_s projection_s complete_s complete_min_s complete_max_s \
+                   ns_per_sample error_ratio error_ratio_sd efficiency efficiency_sd";
+    table.write_record(columns.split(' ').filter(|c| !c.is_empty())).map_err(fail)?;
+    for r in &summary.rows {
+        let figures = [
+            Some(r.error),
+            r.error_se,
+            Some(r.error_spread.median),
+            Some(r.error_spread.min),
+            Some(r.error_spread.max),
+            Some(r.bias),
+            r.bias_half,
+            r.bias_p,
+            Some(r.distribution.median),
+            Some(r.sampling.median),
+            Some(r.projection.median),
+            Some(r.complete.median),
+            Some(r.complete.min),
+            Some(r.complete.max),
+            Some(r.ns_per_sample),
+            r.error_ratio.map(|q| q.value),
+            r.error_ratio.and_then(|q| q.sd),
+            r.efficiency.map(|q| q.value),
+            r.efficiency.and_then(|q| q.sd),
+        ];
+        let names = [r.method.clone(), r.samples.to_string(), r.replicates.to_string(), r.series_only.to_string()];
+        let figures = figures.into_iter().map(|v| v.map(|v| v.to_string()).unwrap_or_default());
+        table.write_record(names.into_iter().chain(figures)).map_err(fail)?;
+    }
+    let bytes = table.into_inner().map_err(|e| HarnessError::file(&path, e.error()))?;
+    write_file(&path, &bytes)
 }

@@ -1,5 +1,7 @@
 //! A run against methods whose error is known: the truth plus normal noise of a given law.
 
+#![allow(clippy::unwrap_used, reason = "a test may panic, and its helpers with it")]
+
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -284,6 +286,9 @@ fn the_page_stands_alone_and_holds_tables_plots_and_images() {
         assert!(page.contains(part), "{part}");
     }
     assert!(!page.contains("<co>") && !page.contains("NaN") && !page.contains("inf "));
+    let table = std::fs::read_to_string(options.out.join("summary.csv")).unwrap();
+    let columns = table.lines().map(|l| l.split(',').count()).collect::<std::collections::HashSet<_>>();
+    assert_eq!((columns.len(), table.lines().count()), (1, 1 + run.rows.len()));
     let text = std::fs::read_to_string(options.out.join("report.md")).unwrap();
     for line in text.lines() {
         for link in line.split("](").skip(1) {

@@ -1,7 +1,7 @@
 //! What accuracy costs in time: runs image-making [`Method`]s against a ray-cast [`Truth`] over a range of sample
 //! counts and replicates, and turns the measurements into records, fits, plots and a report.
 //!
-//! The harness knows nothing about how images are made. [`converge`] is the entry point; everything it writes goes
+//! The harness knows nothing about how images are made. [`converge()`] is the entry point; everything it writes goes
 //! into one folder, from which an interrupted run resumes. Terms follow METHOD sections 4, 6 and 7.
 
 mod chart;

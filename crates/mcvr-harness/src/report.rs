@@ -270,7 +270,7 @@ fn picture_blocks(run: &RunSummary, blocks: &mut Vec<Block>) {
     blocks.push(Block::Heading("Images".into()));
     blocks.push(Block::Text(format!(
         "All images under the truth's tones (0th to 99.9th percentile). Differences are image minus truth: red too bright, \
-         blue too dark, full colour at ±{} or twice the truth's mean pixel.",
+         blue too dark, full colour at ±{}, twice the truth's mean pixel.",
         significant(run.difference_scale, 3)
     )));
     blocks.push(Block::Pictures(vec![("truth.png".into(), "Truth, ray cast".into())]));

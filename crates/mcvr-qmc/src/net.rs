@@ -1,6 +1,6 @@
 //! The sorted Sobol net as a point stream.
 
-use mcvr_sampling::rng::{Purpose, hash};
+use mcvr_sampling::rng::{Purpose, hash, xor};
 use mcvr_sampling::{BLOCK, PointBlock, PointStream, Strata};
 
 use crate::Scramble;
@@ -57,16 +57,13 @@ impl PointStream for SobolNet {
 
     fn fill(&self, block: u64, total: u64, out: &mut PointBlock) {
         let first = block * BLOCK as u64;
-        let mut strata = Strata::new(first, total, self.samples);
-        for t in &mut out.targets {
-            *t = strata.next(self.shift);
-        }
+        Strata::new(first, total, self.samples).fill(self.shift, &mut out.targets);
         for (axis, uniforms) in self.axes.iter().zip(&mut out.uniforms) {
             let s = &axis.scrambled;
             for (run, words) in uniforms.chunks_mut(RUN).enumerate() {
                 let base = ((point(&s.columns, first + (run * RUN) as u64) ^ s.shift) >> 32) as u32;
                 match s.owen {
-                    None => words.iter_mut().zip(&axis.table).for_each(|(w, t)| *w = base ^ t),
+                    None => xor(base, &axis.table, words),
                     Some(seed) => words.iter_mut().zip(&axis.table).for_each(|(w, t)| *w = owen(base ^ t, seed)),
                 }
             }

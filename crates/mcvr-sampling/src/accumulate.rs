@@ -2,6 +2,8 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use crate::project::Weights;
+
 /// Bytes that private copies may take together before workers share one.
 const PRIVATE_BYTES: usize = 48 << 20;
 
@@ -20,6 +22,10 @@ impl Totals {
         let slots = pixels + 2;
         let private = slots * size_of::<u64>() * workers <= PRIVATE_BYTES;
         Self { sums: (0..slots).map(|_| AtomicU64::new(0)).collect(), private }
+    }
+
+    fn add(&self, pixel: u32, amount: u64) {
+        self.sums[pixel as usize].fetch_add(amount, Ordering::Relaxed);
     }
 
     /// A worker's way in.
@@ -53,10 +59,10 @@ pub(crate) struct Worker<'a> {
 }
 
 impl Worker<'_> {
-    /// Adds a batch: one to each pixel, or its weight.
-    pub(crate) fn add(&mut self, pixels: &[u32], weights: &[u64]) {
-        match &mut self.own {
-            Own::Counts(counts) => {
+    /// Adds a batch: one to each pixel, or its weight where there are weights.
+    pub(crate) fn add(&mut self, pixels: &[u32], weights: &Weights) {
+        match (&mut self.own, weights.narrow.is_empty(), weights.wide.is_empty()) {
+            (Own::Counts(counts), ..) => {
                 for &p in pixels {
                     counts[p as usize] += 1;
                 }
@@ -65,21 +71,21 @@ impl Worker<'_> {
                     self.flush();
                 }
             }
-            Own::Weights(sums) => {
-                for (&p, &w) in pixels.iter().zip(weights) {
+            (Own::Weights(sums), false, _) => {
+                for (&p, &w) in pixels.iter().zip(&weights.narrow) {
+                    sums[p as usize] += u64::from(w);
+                }
+            }
+            (Own::Weights(sums), true, _) => {
+                for (&p, &w) in pixels.iter().zip(&weights.wide) {
                     sums[p as usize] += w;
                 }
             }
-            Own::Shared if weights.is_empty() => {
-                for &p in pixels {
-                    self.totals.sums[p as usize].fetch_add(1, Ordering::Relaxed);
-                }
+            (Own::Shared, true, true) => pixels.iter().for_each(|&p| self.totals.add(p, 1)),
+            (Own::Shared, false, _) => {
+                pixels.iter().zip(&weights.narrow).for_each(|(&p, &w)| self.totals.add(p, u64::from(w)));
             }
-            Own::Shared => {
-                for (&p, &w) in pixels.iter().zip(weights) {
-                    self.totals.sums[p as usize].fetch_add(w, Ordering::Relaxed);
-                }
-            }
+            (Own::Shared, true, false) => pixels.iter().zip(&weights.wide).for_each(|(&p, &w)| self.totals.add(p, w)),
         }
     }
 
@@ -114,19 +120,22 @@ mod tests {
     #[test]
     fn private_and_shared_sums_are_the_same() {
         let pixels = [0u32, 3, 3, 1, 4, 5];
-        let weights = [10u64, 1 << 40, 2, 3, 100, 200];
-        let run = |private: bool, line: bool| {
+        let none = Weights::default();
+        let wide = Weights { wide: vec![10u64, 1 << 40, 2, 3, 100, 200], ..Weights::default() };
+        let narrow = Weights { narrow: vec![10, 1 << 20, 2, 3, 100, 200], ..Weights::default() };
+        let run = |private: bool, weights: &Weights| {
             let mut totals = Totals::new(4, 2);
             totals.private = private;
             for _ in 0..2 {
-                let mut w = totals.worker(line);
-                w.add(&pixels, if line { &weights } else { &[] });
+                let mut w = totals.worker(!std::ptr::eq(weights, &none));
+                w.add(&pixels, weights);
                 w.finish();
             }
             totals.into_values(0.5)
         };
-        assert_eq!(run(true, false), vec![1.0, 1.0, 0.0, 2.0]);
-        assert_eq!(run(true, false), run(false, false));
-        assert_eq!(run(true, true), run(false, true));
+        assert_eq!(run(true, &none), vec![1.0, 1.0, 0.0, 2.0]);
+        for weights in [&none, &wide, &narrow] {
+            assert_eq!(run(true, weights), run(false, weights));
+        }
     }
 }

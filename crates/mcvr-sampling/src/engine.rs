@@ -10,10 +10,9 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::accumulate::Totals;
-use crate::locate::BrickSums;
+use crate::locate::{BrickSums, find_all};
 use crate::order::{Layout, with_layout};
-use crate::project::Projection;
-use crate::simd::vectorised;
+use crate::project::{Projection, Weights};
 use crate::stream::check_samples;
 use crate::units::{Units, Word, with_units};
 use crate::{
@@ -138,7 +137,7 @@ pub fn render(
             for block in first..blocks.min(first + TAKE) {
                 let len = block_len(samples, block);
                 let t0 = Instant::now();
-                scratch.resize(len, line);
+                scratch.resize(len);
                 stream.fill(block, distribution.total(), &mut scratch.points);
                 locator.locate(stream.search(), &scratch.points.targets, &mut scratch.places, &mut counters);
                 let t1 = Instant::now();
@@ -188,15 +187,14 @@ struct Scratch {
     points: PointBlock,
     places: [Vec<u32>; 3],
     pixels: Vec<u32>,
-    weights: Vec<u64>,
+    weights: Weights,
 }
 
 impl Scratch {
-    fn resize(&mut self, len: usize, line: bool) {
+    fn resize(&mut self, len: usize) {
         self.points.resize(len);
         self.places.iter_mut().for_each(|p| p.resize(len, 0));
         self.pixels.resize(len, 0);
-        self.weights.resize(if line { len } else { 0 }, 0);
     }
 }
 
@@ -243,7 +241,7 @@ impl<L: Layout, T: Voxel, U: Units<T>> Locator<'_, L, T, U> {
         positions: &mut [u32],
         places: &mut [Vec<u32>; 3],
     ) {
-        find_all::<U::Word>(self.level, sums, targets, self.before[brick], positions);
+        find_all(self.level, sums, targets, self.before[brick], positions);
         let start = self.layout.start(brick);
         let [px, py, pz] = places;
         let run = first..first + targets.len();
@@ -319,15 +317,4 @@ fn brick_of(before: &[u64], from: usize, target: u64) -> usize {
     }
     let high = (low + step + 1).min(before.len());
     low + before[low..high].partition_point(|b| *b <= target) - 1
-}
-
-vectorised! {
-    fn find_all<W: Word>(sums: &BrickSums<W>, targets: &[u64], before: u64, positions: &mut [u32]) = find_body::<W>
-}
-
-#[inline(always)]
-fn find_body<W: Word>(sums: &BrickSums<W>, targets: &[u64], before: u64, positions: &mut [u32]) {
-    for (p, t) in positions.iter_mut().zip(targets) {
-        *p = sums.find(W::from_u64(t - before));
-    }
 }

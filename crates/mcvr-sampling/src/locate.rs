@@ -1,6 +1,8 @@
 //! Finding the voxel of a target inside a brick.
 
+use crate::SimdLevel;
 use crate::order::BRICK;
+use crate::simd::vectorised;
 use crate::units::Word;
 
 /// Entries per row: one vector of 32-bit words.
@@ -35,6 +37,52 @@ impl<W: Word> BrickSums<W> {
     }
 }
 
+/// Positions of many targets of one brick, given the sum before it.
+pub(crate) fn find_all<W: Word>(
+    level: SimdLevel,
+    brick: &BrickSums<W>,
+    targets: &[u64],
+    before: u64,
+    positions: &mut [u32],
+) {
+    #[cfg(target_arch = "x86_64")]
+    if level == SimdLevel::Avx512
+        && let Some(brick) = (brick as &dyn std::any::Any).downcast_ref::<BrickSums<u32>>()
+    {
+        // SAFETY: the level is only ever chosen on processors with AVX-512 F, BW, DQ and VL.
+        unsafe { find_avx512(brick, targets, before, positions) };
+        return;
+    }
+    find_generic::<W>(level, brick, targets, before, positions);
+}
+
+vectorised! {
+    fn find_generic<W: Word>(brick: &BrickSums<W>, targets: &[u64], before: u64, positions: &mut [u32]) = find_body::<W>
+}
+
+#[inline(always)]
+fn find_body<W: Word>(brick: &BrickSums<W>, targets: &[u64], before: u64, positions: &mut [u32]) {
+    for (p, t) in positions.iter_mut().zip(targets) {
+        *p = brick.find(W::from_u64(t - before));
+    }
+}
+
+/// [`find_body`] with each row as one comparison into a mask; a test holds it to the same positions.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,popcnt,avx512f,avx512bw,avx512dq,avx512vl")]
+fn find_avx512(brick: &BrickSums<u32>, targets: &[u64], before: u64, positions: &mut [u32]) {
+    use std::arch::x86_64::{_mm512_cmple_epu32_mask, _mm512_loadu_si512, _mm512_set1_epi32};
+    // SAFETY: 16 words of 32 bits are read from an array of 16.
+    let rows = unsafe { _mm512_loadu_si512(brick.rows.as_ptr().cast()) };
+    for (p, t) in positions.iter_mut().zip(targets) {
+        let target = _mm512_set1_epi32((t - before) as i32);
+        let row = _mm512_cmple_epu32_mask(rows, target).count_ones().min(ROW as u32 - 1);
+        // SAFETY: the row is below 16, so its 16 words lie within the 256.
+        let entries = unsafe { _mm512_loadu_si512(brick.sums.as_ptr().add(row as usize * ROW).cast()) };
+        *p = row * ROW as u32 + _mm512_cmple_epu32_mask(entries, target).count_ones();
+    }
+}
+
 /// How many of the entries are not greater than the target.
 #[inline(always)]
 fn count<W: Word>(entries: &[W; ROW], target: W) -> u32 {
@@ -63,6 +111,11 @@ mod tests {
             for t in [target, target + w.saturating_sub(1)] {
                 if w > 0 {
                     assert_eq!(brick.find(W::from_u64(t)) as usize, i, "weights {weights:?}");
+                    for level in SimdLevel::available() {
+                        let mut found = [0];
+                        find_all(level, &brick, &[t + 1000], 1000, &mut found);
+                        assert_eq!(found[0] as usize, i, "{level:?}");
+                    }
                 }
             }
             target += w;

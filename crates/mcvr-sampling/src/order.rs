@@ -182,8 +182,18 @@ impl Layout for Nested {
     fn resolve(&self, level: crate::SimdLevel, places: &mut [Vec<u32>; 3]) {
         let [n0, n1, _] = self.extents();
         let [p0, p1, p2] = places;
-        carry(level, p0, p1, n0 as u32);
-        carry(level, p1, p2, n1 as u32);
+        // A place is less than a brick beyond the innermost extent, and so fewer than `lines` beyond the next.
+        let lines = BRICK.div_ceil(n0) + 1;
+        if n0 >= BRICK {
+            carry_once(level, p0, p1, n0 as u32);
+        } else {
+            carry_small(level, p0, p1, n0 as u32);
+        }
+        if n1 >= lines {
+            carry_once(level, p1, p2, n1 as u32);
+        } else {
+            carry_small(level, p1, p2, n1 as u32);
+        }
         // places[r] is the coordinate along axes[r]; bring them to x, y, z.
         match self.axes {
             [1, 0, 2] => places.swap(0, 1),
@@ -194,17 +204,30 @@ impl Layout for Nested {
 }
 
 vectorised! {
-    /// Moves what exceeds `n` in the lower digits to the higher ones: exact for digits below 2^32, as the
-    /// quotient's error in f64 is far below half a digit.
-    fn carry(low: &mut [u32], high: &mut [u32], n: u32) = carry_body
+    /// Carries from digits below `2 n`.
+    fn carry_once(low: &mut [u32], high: &mut [u32], n: u32) = carry_once_body
 }
 
 #[inline(always)]
-fn carry_body(low: &mut [u32], high: &mut [u32], n: u32) {
-    let inverse = 1.0 / f64::from(n);
+fn carry_once_body(low: &mut [u32], high: &mut [u32], n: u32) {
     for (l, h) in low.iter_mut().zip(high) {
-        // Digits stay below 2^31 + 256, so the signed conversions are exact.
-        let q = ((f64::from(*l as i32) + 0.5) * inverse) as i32 as u32;
+        let over = u32::from(*l >= n);
+        *l -= over * n;
+        *h += over;
+    }
+}
+
+vectorised! {
+    /// Carries from digits below 1024 where `n` is below 512: the quotient in f32 is exact, as its error
+    /// (below 1024 * 2^-23) is far less than the distance 1/(2n) of `(l + 1/2) / n` from an integer.
+    fn carry_small(low: &mut [u32], high: &mut [u32], n: u32) = carry_small_body
+}
+
+#[inline(always)]
+fn carry_small_body(low: &mut [u32], high: &mut [u32], n: u32) {
+    let inverse = 1.0 / n as f32;
+    for (l, h) in low.iter_mut().zip(high) {
+        let q = ((*l as i32 as f32 + 0.5) * inverse) as i32 as u32;
         *l -= q * n;
         *h += q;
     }

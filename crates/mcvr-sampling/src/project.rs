@@ -39,12 +39,24 @@ pub(crate) trait Real:
     /// Uniform in (0, 1) from 32 bits, symmetric about 1/2.
     fn uniform(word: u32) -> Self;
     fn sqrt(self) -> Self;
-    /// Truncation; saturates.
-    fn to_i32(self) -> i32;
-    /// Nearest integer of a value in 0..2^51 (f64) or 0..2^31 (f32).
-    fn to_fixed(self) -> u64;
+    /// Truncation.
+    ///
+    /// # Safety
+    /// The value must lie in 0..2^31.
+    unsafe fn to_i32(self) -> i32;
+    /// Nearest integer.
+    ///
+    /// # Safety
+    /// The value must lie in 0..=2^FIXED_BITS.
+    unsafe fn to_fixed(self) -> Self::Fixed;
+    /// The batch's weights of this type.
+    fn slot(weights: &mut Weights) -> &mut Vec<Self::Fixed>;
+    /// Integer that holds a fixed-point weight: as narrow as possible, for the vector code's sake.
+    type Fixed: Copy + Default + Send + Sync;
     /// Largest fixed-point weight, as a power of two.
     const FIXED_BITS: u32;
+    /// True for 64 bits.
+    const DOUBLE: bool;
 }
 
 impl Real for f32 {
@@ -65,14 +77,22 @@ impl Real for f32 {
         f32::sqrt(self)
     }
     #[inline(always)]
-    fn to_i32(self) -> i32 {
-        self as i32
+    unsafe fn to_i32(self) -> i32 {
+        // SAFETY: the caller keeps the value in range.
+        unsafe { self.to_int_unchecked() }
     }
     #[inline(always)]
-    fn to_fixed(self) -> u64 {
-        (self + 0.5) as i32 as u32 as u64
+    unsafe fn to_fixed(self) -> u32 {
+        // SAFETY: the caller keeps the value within 2^30.
+        unsafe { (self + 0.5).to_int_unchecked::<i32>() as u32 }
     }
+    #[inline(always)]
+    fn slot(weights: &mut Weights) -> &mut Vec<u32> {
+        &mut weights.narrow
+    }
+    type Fixed = u32;
     const FIXED_BITS: u32 = 30;
+    const DOUBLE: bool = false;
 }
 
 impl Real for f64 {
@@ -94,15 +114,29 @@ impl Real for f64 {
         f64::sqrt(self)
     }
     #[inline(always)]
-    fn to_i32(self) -> i32 {
-        self as i32
+    unsafe fn to_i32(self) -> i32 {
+        // SAFETY: the caller keeps the value in range.
+        unsafe { self.to_int_unchecked() }
     }
     #[inline(always)]
-    fn to_fixed(self) -> u64 {
+    unsafe fn to_fixed(self) -> u64 {
         const MAGIC: f64 = (1u64 << 52) as f64;
         (self + MAGIC).to_bits() & ((1 << 52) - 1)
     }
+    #[inline(always)]
+    fn slot(weights: &mut Weights) -> &mut Vec<u64> {
+        &mut weights.wide
+    }
+    type Fixed = u64;
     const FIXED_BITS: u32 = 40;
+    const DOUBLE: bool = true;
+}
+
+/// Fixed-point weights of a batch: of the type that the precision has, or none for `count`.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Weights {
+    pub narrow: Vec<u32>,
+    pub wide: Vec<u64>,
 }
 
 /// A kernel's map from uniforms to offsets, in voxels. Each agrees with [`Kernel::offset`].
@@ -118,44 +152,74 @@ pub(crate) struct ShellOffset;
 impl Offset for BoxOffset {
     #[inline(always)]
     fn offset<R: Real>(words: [u32; 3]) -> [R; 3] {
-        words.map(|w| R::uniform(w) - R::lit(0.5))
+        let half = R::lit(0.5);
+        [R::uniform(words[0]) - half, R::uniform(words[1]) - half, R::uniform(words[2]) - half]
     }
 }
 
-/// `f(min(u, 1 - u))` mirrored: the offset for u below one half from the lower-tail function `f`.
+// Written without closures and `array::map`: the compiler does not always inline those into the vector loop,
+// and a call in it costs the vectorisation.
+
+/// `min(u, 1 - u)` and whether u is below one half.
 #[inline(always)]
-fn mirrored<R: Real>(word: u32, f: impl Fn(R) -> R) -> R {
+fn fold<R: Real>(word: u32) -> (R, bool) {
     let u = R::uniform(word);
     let v = R::lit(1.0) - u;
-    let t = f(if u < v { u } else { v });
-    if u < v { t } else { -t }
+    (if u < v { u } else { v }, u < v)
+}
+
+#[inline(always)]
+fn tent<R: Real>(word: u32) -> R {
+    let (s, below) = fold::<R>(word);
+    let t = (s + s).sqrt() - R::lit(1.0);
+    if below { t } else { -t }
 }
 
 impl Offset for TentOffset {
     #[inline(always)]
     fn offset<R: Real>(words: [u32; 3]) -> [R; 3] {
-        words.map(|w| mirrored(w, |s: R| (s + s).sqrt() - R::lit(1.0)))
+        [tent(words[0]), tent(words[1]), tent(words[2])]
     }
+}
+
+/// One step of Newton's method for `2τ/3 - τ³/3 + τ⁴/8 = v`.
+#[inline(always)]
+fn bspline_newton<R: Real>(x: R, v: R) -> R {
+    let g = x * (R::lit(2.0 / 3.0) - x * x * (R::lit(1.0 / 3.0) - x * R::lit(0.125)));
+    let density = R::lit(2.0 / 3.0) - x * x * (R::lit(1.0) - R::lit(0.5) * x);
+    x - (g - v) / density
+}
+
+#[inline(always)]
+fn bspline<R: Real>(word: u32) -> R {
+    let (s, below) = fold::<R>(word);
+    let tail = (s * R::lit(24.0)).sqrt().sqrt() - R::lit(2.0);
+    // Between: t = -τ where v(τ) = 2τ/3 - τ³/3 + τ⁴/8 equals 1/2 - s. A fitted polynomial starts within 5.4e-3,
+    // Newton's method squares the error: 4.3e-5, 2.7e-9, rounding.
+    let v = R::lit(0.5) - s;
+    let start = R::lit(-19.61483942323312) + v * R::lit(30.927322508881463);
+    let x = v * (R::lit(1.215587183876798) + v * (R::lit(4.57589915587964) + v * start));
+    let x = bspline_newton(bspline_newton(x, v), v);
+    let inner = -(if R::DOUBLE { bspline_newton(x, v) } else { x });
+    let t = if s < R::lit(1.0 / 24.0) { tail } else { inner };
+    if below { t } else { -t }
 }
 
 impl Offset for BsplineOffset {
     #[inline(always)]
     fn offset<R: Real>(words: [u32; 3]) -> [R; 3] {
-        words.map(|w| {
-            mirrored(w, |s: R| {
-                let tail = (s * R::lit(24.0)).sqrt().sqrt() - R::lit(2.0);
-                // Newton's method on 1/2 + 2t/3 - t³/3 - t⁴/8 = s in [-1, 0]; five steps from the chord
-                // reach rounding (the function is convex there and its slope lies in [1/6, 2/3]).
-                let mut t = (s - R::lit(0.5)) * R::lit(1.75);
-                for _ in 0..5 {
-                    let g = R::lit(0.5) + t * (R::lit(2.0 / 3.0) - t * t * (R::lit(1.0 / 3.0) + t * R::lit(0.125)));
-                    let density = R::lit(2.0 / 3.0) - t * t * (R::lit(1.0) + R::lit(0.5) * t);
-                    t = t - (g - s) / density;
-                }
-                if s < R::lit(1.0 / 24.0) { tail } else { t }
-            })
-        })
+        [bspline(words[0]), bspline(words[1]), bspline(words[2])]
     }
+}
+
+/// A polynomial by Horner's rule.
+#[inline(always)]
+fn series<R: Real>(x: R, c: [f64; 7]) -> R {
+    let mut sum = R::lit(c[6]);
+    for k in (0..6).rev() {
+        sum = sum * x + R::lit(c[k]);
+    }
+    sum
 }
 
 impl Offset for ShellOffset {
@@ -170,19 +234,23 @@ impl Offset for ShellOffset {
         let a = f * R::lit(std::f64::consts::FRAC_PI_2);
         let a2 = a * a;
         // Taylor polynomials on |a| ≤ π/4: remainders below (π/4)^15 / 15! < 3e-14 and (π/4)^16 / 16! < 2e-15.
-        let series = |c: [f64; 7]| c.into_iter().rev().fold(R::lit(0.0), |p, c| p * a2 + R::lit(c));
-        let sin =
-            a * series([1.0, -1. / 6., 1. / 120., -1. / 5040., 1. / 362_880., -1. / 39_916_800., 1. / 6_227_020_800.]);
+        let sin = a * series(
+            a2,
+            [1.0, -1. / 6., 1. / 120., -1. / 5040., 1. / 362_880., -1. / 39_916_800., 1. / 6_227_020_800.],
+        );
         let cos = R::lit(1.0)
-            + a2 * series([
-                -1. / 2.,
-                1. / 24.,
-                -1. / 720.,
-                1. / 40_320.,
-                -1. / 3_628_800.,
-                1. / 479_001_600.,
-                -1. / 87_178_291_200.,
-            ]);
+            + a2 * series(
+                a2,
+                [
+                    -1. / 2.,
+                    1. / 24.,
+                    -1. / 720.,
+                    1. / 40_320.,
+                    -1. / 3_628_800.,
+                    1. / 479_001_600.,
+                    -1. / 87_178_291_200.,
+                ],
+            );
         let (c, s) = if quadrant & 1 == 0 { (cos, sin) } else { (-sin, cos) };
         let (c, s) = if quadrant & 2 == 0 { (c, s) } else { (-c, -s) };
         [r * c, r * s, z * R::lit(0.5)]
@@ -378,7 +446,7 @@ pub(crate) trait Project: Send + Sync {
         places: &[Vec<u32>; 3],
         uniforms: &[Vec<u32>; 3],
         pixels: &mut [u32],
-        weights: &mut [u64],
+        weights: &mut Weights,
     ) -> Lost;
 }
 
@@ -394,8 +462,10 @@ impl<R: Real, K: Offset, E: Weigh> Project for Projector<R, K, E> {
         places: &[Vec<u32>; 3],
         uniforms: &[Vec<u32>; 3],
         pixels: &mut [u32],
-        weights: &mut [u64],
+        weights: &mut Weights,
     ) -> Lost {
+        let weights = R::slot(weights);
+        weights.resize(if E::LINE { pixels.len() } else { 0 }, R::Fixed::default());
         let [x, y, z] = places;
         let [u, v, w] = uniforms;
         project_batch::<R, K, E>(self.level, &self.params, [x, y, z], [u, v, w], pixels, weights)
@@ -404,7 +474,7 @@ impl<R: Real, K: Offset, E: Weigh> Project for Projector<R, K, E> {
 
 vectorised! {
     fn project_batch<R: Real, K: Offset, E: Weigh>(
-        params: &Params<R>, places: [&[u32]; 3], uniforms: [&[u32]; 3], pixels: &mut [u32], weights: &mut [u64],
+        params: &Params<R>, places: [&[u32]; 3], uniforms: [&[u32]; 3], pixels: &mut [u32], weights: &mut [R::Fixed],
     ) -> Lost = project_body::<R, K, E>
 }
 
@@ -414,7 +484,7 @@ fn project_body<R: Real, K: Offset, E: Weigh>(
     places: [&[u32]; 3],
     uniforms: [&[u32]; 3],
     pixels: &mut [u32],
-    weights: &mut [u64],
+    weights: &mut [R::Fixed],
 ) -> Lost {
     let n = pixels.len();
     let places = places.map(|s| &s[..n]);
@@ -432,9 +502,9 @@ fn project_body<R: Real, K: Offset, E: Weigh>(
         let zero = R::lit(0.0);
         let ahead = depth >= p.near;
         let inside = ahead & (px >= zero) & (px < p.width) & (py >= zero) & (py < p.height);
-        // Saturating conversions of positions far outside must not overflow the product.
         let (cx, cy) = (if inside { px } else { zero }, if inside { py } else { zero });
-        let index = cy.to_i32() * p.stride + cx.to_i32();
+        // SAFETY: positions inside the image are below its sides, which are below 2^30; others were set to 0.
+        let index = unsafe { cy.to_i32() * p.stride + cx.to_i32() };
         let other = if ahead { p.miss } else { p.miss + 1 };
         pixels[i] = if inside { index } else { other } as u32;
         lost.beside += u32::from(ahead & !inside);
@@ -445,9 +515,145 @@ fn project_body<R: Real, K: Offset, E: Weigh>(
             let q = s[0] + dx * (s[1] + dx * s[3] + dy * s[4]) + dy * (s[2] + dy * s[5]);
             let g = q.sqrt() * (inverse * inverse) * p.scale;
             let bounded = if g < p.largest { g } else { p.largest };
-            let weight = if inside { bounded } else { zero };
-            weights[i] = weight.to_fixed();
+            let weight = if inside & (bounded >= zero) { bounded } else { zero };
+            // SAFETY: 0 outside the image, and inside it at least 0 (NaN compares false) and at most `largest`.
+            weights[i] = unsafe { weight.to_fixed() };
         }
     }
     lost
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mcvr_scene::{DensityMap, Extent, View};
+    use mcvr_volume::{Grid, Volume};
+
+    fn words() -> Vec<[u32; 3]> {
+        let mut words: Vec<[u32; 3]> = (0..5000u32)
+            .map(|i| [1, 2, 3].map(|k| i.wrapping_mul(0x9e37_79b9).wrapping_mul(k).rotate_left(k)))
+            .collect();
+        let ends = [
+            0,
+            1,
+            511,
+            512,
+            u32::MAX,
+            u32::MAX - 1,
+            1 << 31,
+            (1 << 31) - 1,
+            1 << 30,
+            3 << 30,
+            178_956_970,
+            178_956_971,
+        ];
+        words.extend(ends.map(|w| [w; 3]));
+        words
+    }
+
+    fn worst<K: Offset, R: Real + Into<f64>>(kernel: Kernel) -> f64 {
+        let bits = if R::DOUBLE { 32 } else { 23 };
+        let uniform = |w: u32| ((w >> (32 - bits)) as f64 + 0.5) / 2f64.powi(bits);
+        words().into_iter().fold(0.0, |worst, w| {
+            let fast = K::offset::<R>(w).map(Into::into);
+            // The shell's angle keeps two bits more, as its quadrant is taken off first.
+            let u = if kernel == Kernel::Shell && !R::DOUBLE {
+                let shifted = w[1].wrapping_add(1 << 29);
+                let f = (f64::from(shifted << 2 >> 9) + 0.5) / 2f64.powi(23) - 0.5;
+                [uniform(w[0]), (f64::from(shifted >> 30) + f) / 4.0, 0.5]
+            } else if kernel == Kernel::Shell {
+                let shifted = w[1].wrapping_add(1 << 29);
+                let f = (f64::from(shifted << 2) + 0.5) / 2f64.powi(32) - 0.5;
+                [uniform(w[0]), (f64::from(shifted >> 30) + f) / 4.0, 0.5]
+            } else {
+                w.map(uniform)
+            };
+            let exact = kernel.offset(u);
+            (0..3).fold(worst, |worst: f64, a| worst.max((fast[a] - exact[a]).abs()))
+        })
+    }
+
+    #[test]
+    fn vector_offsets_agree_with_the_scalar_kernels() {
+        // Bounds: a few roundings of numbers up to 2, times the condition of a fourth root near 0 (at most
+        // 1/2 of the relative rounding of its argument).
+        let (single, double) = (8.0 * f64::from(f32::EPSILON), 64.0 * f64::EPSILON);
+        assert!(worst::<BoxOffset, f32>(Kernel::Box) < single && worst::<BoxOffset, f64>(Kernel::Box) < double);
+        assert!(worst::<TentOffset, f32>(Kernel::Tent) < single && worst::<TentOffset, f64>(Kernel::Tent) < double);
+        let (s, d) = (worst::<BsplineOffset, f32>(Kernel::Bspline3), worst::<BsplineOffset, f64>(Kernel::Bspline3));
+        assert!(s < single && d < double, "{s} {d}");
+        // The shell's radius is a square root of a difference from 1: error up to the root of the rounding,
+        // but only where the radius itself is as small. Taylor remainders are below 3e-14.
+        let (s, d) = (worst::<ShellOffset, f32>(Kernel::Shell), worst::<ShellOffset, f64>(Kernel::Shell));
+        assert!(s < f64::from(f32::EPSILON).sqrt() && d < f64::EPSILON.sqrt(), "{s} {d}");
+    }
+
+    #[test]
+    fn every_level_gives_the_same_bits_for_every_kernel_estimand_and_precision() {
+        let grid = Grid::with_spacing([30, 20, 10], [1.0, 1.5, 2.0]).expect("a grid");
+        let volume = Volume::from_vec(grid, vec![1u8; 6000], "test").expect("a volume");
+        let density = Density::new(&volume, DensityMap::default()).expect("a density");
+        let view = View { near: Some(105.0), fov: Some(8.0), ..View::default() };
+        let camera = Camera::look(&view, volume.grid(), Extent::new(37, 23).expect("a size")).expect("a camera");
+        let words = words();
+        let column = |a: usize| words.iter().map(|w| w[a]).collect::<Vec<_>>();
+        let uniforms = [column(0), column(1), column(2)];
+        let places = [column(1), column(2), column(0)].map(|c| c.iter().map(|w| w % 10).collect::<Vec<_>>());
+        for kernel in Kernel::ALL {
+            for estimand in Estimand::ALL {
+                for precision in [Precision::F32, Precision::F64] {
+                    let projection = Projection::new(&density, &camera, kernel, 1 << 20, Some(precision)).expect("ok");
+                    let mut first = None;
+                    for level in SimdLevel::available() {
+                        let mut pixels = vec![0; words.len()];
+                        let mut weights = Weights::default();
+                        let lost = projection.projector(kernel, estimand, level).project(
+                            &places,
+                            &uniforms,
+                            &mut pixels,
+                            &mut weights,
+                        );
+                        assert!(lost.beside > 0 && lost.near > 0, "{lost:?}");
+                        assert!(pixels.iter().any(|p| *p < 37 * 23));
+                        let all = (pixels, weights.narrow, weights.wide, lost);
+                        assert_eq!(
+                            *first.get_or_insert_with(|| all.clone()),
+                            all,
+                            "{kernel} {estimand} {precision:?} {level:?}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn weights_are_the_cameras_line_factors() {
+        let grid = Grid::with_spacing([30, 20, 10], [1.0, 1.5, 2.0]).expect("a grid");
+        let volume = Volume::from_vec(grid, vec![1u8; 6000], "test").expect("a volume");
+        let density = Density::new(&volume, DensityMap::default()).expect("a density");
+        for parallel in [false, true] {
+            let view = View { parallel, distance: Some(60.0), ..View::default() };
+            let camera = Camera::look(&view, volume.grid(), Extent::new(64, 48).expect("a size")).expect("a camera");
+            let projection = Projection::new(&density, &camera, Kernel::Box, 1 << 20, None).expect("a projection");
+            assert_eq!(projection.precision(), Precision::F32);
+            let places = [vec![3, 29, 0], vec![4, 19, 0], vec![5, 9, 0]];
+            let middle = vec![1u32 << 31; 3];
+            let (mut pixels, mut weights) = (vec![0; 3], Weights::default());
+            projection.projector(Kernel::Box, Estimand::Line, SimdLevel::detect()).project(
+                &places,
+                &[middle.clone(), middle.clone(), middle],
+                &mut pixels,
+                &mut weights,
+            );
+            for i in 0..3 {
+                let index = DVec3::new(f64::from(places[0][i]), f64::from(places[1][i]), f64::from(places[2][i]));
+                let (px, py, z) = camera.project(volume.grid().index_to_world().transform_point3(index));
+                assert_eq!(pixels[i] as usize, py as usize * 64 + px as usize);
+                let weight = f64::from(weights.narrow[i]) * projection.weight_unit() * camera.det();
+                let exact = camera.line_factor(px, py, z);
+                assert!((weight / exact - 1.0).abs() < 1e-5, "{weight} {exact}");
+            }
+        }
+    }
 }

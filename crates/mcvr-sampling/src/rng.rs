@@ -37,7 +37,8 @@ pub fn hash(words: &[u64]) -> u64 {
 /// The generator for a seed, a purpose and a block. Streams of different keys are independent: the key sets
 /// both the state and the increment of a PCG64-DXSM (plain PCG64 streams correlate).
 pub fn keyed(seed: u64, purpose: Purpose, block: u64) -> Pcg64Dxsm {
-    let word = |i: u64| u128::from(hash(&[seed, purpose as u64, block, i]));
+    let key = hash(&[seed, purpose as u64, block]);
+    let word = |i: u64| u128::from(mix(key.wrapping_add(i.wrapping_mul(0x9e37_79b9_7f4a_7c15))));
     Pcg64Dxsm::new(word(0) << 64 | word(1), word(2) << 64 | word(3))
 }
 
@@ -64,6 +65,22 @@ pub fn fill_u32(seed: u64, purpose: Purpose, block: u64, out: &mut [u32]) {
 
 /// Fraction bits of the fixed-point numbers that [`exponentials`] gives.
 pub const EXPONENTIAL_BITS: u32 = 40;
+
+crate::simd::vectorised! {
+    fn xor_at(base: u32, table: &[u32], out: &mut [u32]) = xor_body
+}
+
+/// `out[i] = base ^ table[i]`: a run of points of a digital net.
+pub fn xor(base: u32, table: &[u32], out: &mut [u32]) {
+    xor_at(crate::SimdLevel::detect(), base, table, out);
+}
+
+#[inline(always)]
+fn xor_body(base: u32, table: &[u32], out: &mut [u32]) {
+    for (o, t) in out.iter_mut().zip(table) {
+        *o = base ^ t;
+    }
+}
 
 crate::simd::vectorised! {
     fn exponentials_at(words: &[u32], out: &mut [u64]) = exponentials_body

@@ -18,7 +18,8 @@ pub enum SimdLevel {
 impl SimdLevel {
     /// The best level of this processor.
     pub fn detect() -> Self {
-        *Self::available().last().unwrap_or(&SimdLevel::Portable)
+        static BEST: std::sync::OnceLock<SimdLevel> = std::sync::OnceLock::new();
+        *BEST.get_or_init(|| *Self::available().last().unwrap_or(&SimdLevel::Portable))
     }
 
     /// Every level this processor has, in rising order.

@@ -1,0 +1,215 @@
+//! One image from one request, whatever the method.
+
+use std::time::Instant;
+
+use mcvr_harness::PhaseSeconds;
+use mcvr_mc::{OrderStatistics, Quicksorted, Stratified, Unsorted};
+use mcvr_qmc::{Scramble, SobolNet};
+use mcvr_raycast::{MarchOptions, RaycastError, ReferenceOptions, march, reference};
+use mcvr_sampling::{Distribution, PointStream, RenderOptions, Rendered, SamplingError, VoxelOrder, render};
+use mcvr_scene::{Camera, Density, DensityMap, Estimand, Image, Kernel, SceneError, Watch};
+use mcvr_volume::Volume;
+use serde_json::{Value, json};
+
+use crate::Method;
+
+/// What is looked at, and from where.
+#[derive(Clone, Debug)]
+pub struct Scenery {
+    /// The scan.
+    pub volume: Volume,
+    /// Isovalue to weight.
+    pub map: DensityMap,
+    /// The view.
+    pub camera: Camera,
+}
+
+impl Scenery {
+    /// Joins the three.
+    pub fn new(volume: Volume, map: DensityMap, camera: Camera) -> Self {
+        Self { volume, map, camera }
+    }
+}
+
+/// How an image is to be made.
+#[derive(Clone, Copy, Debug)]
+pub struct Request {
+    /// By which method.
+    pub method: Method,
+    /// Samples `M`; for [`Method::March`] rays in all (at least one a pixel are cast).
+    pub samples: u64,
+    /// Key of all randomness.
+    pub seed: u64,
+    /// Reconstruction kernel.
+    pub kernel: Kernel,
+    /// What a pixel means.
+    pub estimand: Estimand,
+    /// Order of the voxels (matters to `qmc` and, less, to `stratified`).
+    pub order: VoxelOrder,
+    /// Randomisation of the net.
+    pub scramble: Scramble,
+    /// Step of a ray march, in units of the smallest spacing.
+    pub step: f64,
+    /// Tolerance of exact ray casting, relative to the mean pixel.
+    pub tolerance: f64,
+}
+
+impl Default for Request {
+    fn default() -> Self {
+        Self {
+            method: Method::default(),
+            samples: 1 << 20,
+            seed: 1,
+            kernel: Kernel::default(),
+            estimand: Estimand::default(),
+            order: VoxelOrder::default(),
+            scramble: Scramble::default(),
+            step: 1.0,
+            tolerance: 1e-4,
+        }
+    }
+}
+
+/// An image and what it took.
+#[derive(Clone, Debug)]
+pub struct Made {
+    /// Linear values.
+    pub image: Image,
+    /// Wall time by phase.
+    pub seconds: PhaseSeconds,
+    /// Total mass `F`, and what the density map dropped.
+    pub mass: mcvr_scene::MassReport,
+    /// Samples drawn or rays cast.
+    pub samples: u64,
+    /// Exact work counters, by method.
+    pub counters: Value,
+    /// The reference's estimate of its own RMSE over the mean; only [`Method::Exact`] knows one.
+    pub error: Option<f64>,
+}
+
+/// Why an image could not be made.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum MakeError {
+    /// The scene is unusable.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// Sampling failed.
+    #[error(transparent)]
+    Sampling(#[from] SamplingError),
+    /// Ray casting failed.
+    #[error(transparent)]
+    Raycast(#[from] RaycastError),
+}
+
+impl MakeError {
+    /// True when the work was stopped from outside rather than failed.
+    pub fn is_cancelled(&self) -> bool {
+        matches!(self, Self::Sampling(SamplingError::Cancelled) | Self::Raycast(RaycastError::Cancelled))
+    }
+}
+
+/// Makes an image. The distribution is built anew each time: its cost belongs to a first image.
+///
+/// # Errors
+/// [`MakeError`] when the scene is unusable, a limit is exceeded, or `watch` cancels.
+pub fn make(scenery: &Scenery, request: &Request, watch: &Watch<'_>) -> Result<Made, MakeError> {
+    let start = Instant::now();
+    let density = Density::new(&scenery.volume, scenery.map.clone())?;
+    let mut made = if request.method.samples_volume() {
+        sampled(&density, &scenery.camera, request, watch, start)?
+    } else {
+        cast(&density, &scenery.camera, request, watch, start)?
+    };
+    made.seconds.complete = start.elapsed().as_secs_f64();
+    Ok(made)
+}
+
+fn sampled(
+    density: &Density,
+    camera: &Camera,
+    request: &Request,
+    watch: &Watch<'_>,
+    start: Instant,
+) -> Result<Made, MakeError> {
+    let Request { method, samples, seed, .. } = *request;
+    if method == Method::McLinear && samples > Method::LINEAR_LIMIT {
+        return Err(MakeError::Sampling(SamplingError::Limit {
+            method: "mc-linear",
+            problem: format!(
+                "{samples} samples at half the volume each would take hours; at most {}, or use mc",
+                Method::LINEAR_LIMIT
+            ),
+        }));
+    }
+    let order = request.order.resolve(camera, density.volume().grid());
+    let distribution = Distribution::new(density, order)?;
+    let distribution_seconds = start.elapsed().as_secs_f64();
+    let drawing = Instant::now();
+    let stream: Box<dyn PointStream> = match method {
+        Method::McQuicksort => Box::new(Quicksorted::new(samples, seed, distribution.total())),
+        Method::McBinary => Box::new(Unsorted::binary(samples, seed)),
+        Method::McLinear => Box::new(Unsorted::linear(samples, seed)),
+        Method::Stratified => Box::new(Stratified::new(samples, seed)),
+        Method::Qmc => Box::new(SobolNet::new(samples, seed, request.scramble)),
+        Method::Mc | Method::March | Method::Exact => Box::new(OrderStatistics::new(samples, seed)),
+    };
+    let drawn = drawing.elapsed().as_secs_f64();
+    let options = RenderOptions { estimand: request.estimand, kernel: request.kernel, ..RenderOptions::default() };
+    let Rendered { image, counters, seconds, precision } = render(&distribution, &*stream, camera, &options, watch)?;
+    Ok(Made {
+        image,
+        seconds: PhaseSeconds {
+            distribution: distribution_seconds,
+            sampling: drawn + seconds.sampling,
+            projection: seconds.projection,
+            complete: 0.0,
+        },
+        mass: *density.report(),
+        samples,
+        counters: json!({
+            "distribution": distribution.counters(),
+            "render": counters,
+            "order": order,
+            "precision": precision,
+        }),
+        error: None,
+    })
+}
+
+fn cast(
+    density: &Density,
+    camera: &Camera,
+    request: &Request,
+    watch: &Watch<'_>,
+    start: Instant,
+) -> Result<Made, MakeError> {
+    let Request { kernel, estimand, seed, .. } = *request;
+    let mass = *density.report();
+    let distribution = start.elapsed().as_secs_f64();
+    let phases = |projection| PhaseSeconds { distribution, sampling: 0.0, projection, complete: 0.0 };
+    if request.method == Method::March {
+        let rays_per_pixel = rays_per_pixel(request.samples, camera);
+        let options = MarchOptions { step: request.step, rays_per_pixel, kernel, estimand, seed, ..MarchOptions::default() };
+        let made = march(density, camera, &options, watch)?;
+        let counters = json!({ "rays_per_pixel": rays_per_pixel, "march": made.counters });
+        let samples = u64::from(rays_per_pixel) * camera.extent().pixels() as u64;
+        return Ok(Made { image: made.image, seconds: phases(made.seconds), mass, samples, counters, error: None });
+    }
+    let options = ReferenceOptions { kernel, estimand, tolerance: request.tolerance, ..ReferenceOptions::default() };
+    let made = reference(density, camera, &options, watch)?;
+    let counters = json!({ "reference": made.counters, "depth_limited": made.error.depth_limited });
+    Ok(Made {
+        image: made.image,
+        seconds: phases(made.seconds),
+        mass,
+        samples: made.counters.rays,
+        counters,
+        error: Some(made.error.rel_rmse_estimate),
+    })
+}
+
+/// Rays a pixel for a budget of rays: at least one, at most what `u32` holds.
+fn rays_per_pixel(rays: u64, camera: &Camera) -> u32 {
+    (rays / camera.extent().pixels() as u64).clamp(1, u64::from(u32::MAX)) as u32
+}

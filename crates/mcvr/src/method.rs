@@ -1,0 +1,100 @@
+//! The methods by name.
+
+use serde::{Deserialize, Serialize};
+
+/// A way to make an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, Default)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// Independent samples drawn in rising order, with nothing to sort.
+    Mc,
+    /// Independent samples, all drawn and sorted first: the report's improvement 1.
+    McQuicksort,
+    /// Independent samples, a binary search each.
+    McBinary,
+    /// Independent samples, a linear search each; small budgets only.
+    McLinear,
+    /// One sample in each of M strata of equal mass.
+    Stratified,
+    /// The sorted Sobol net.
+    #[default]
+    Qmc,
+    /// Ray march with a fixed step; the budget counts rays.
+    March,
+    /// Ray casting, exact along each ray, each pixel's area to a tolerance; the budget plays no part.
+    Exact,
+}
+
+impl Method {
+    /// Every method.
+    pub const ALL: [Method; 8] = [
+        Method::Mc,
+        Method::McQuicksort,
+        Method::McBinary,
+        Method::McLinear,
+        Method::Stratified,
+        Method::Qmc,
+        Method::March,
+        Method::Exact,
+    ];
+
+    /// Most samples that a linear search is let loose on.
+    pub const LINEAR_LIMIT: u64 = 1 << 14;
+
+    /// Stable name, also on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Method::Mc => "mc",
+            Method::McQuicksort => "mc-quicksort",
+            Method::McBinary => "mc-binary",
+            Method::McLinear => "mc-linear",
+            Method::Stratified => "stratified",
+            Method::Qmc => "qmc",
+            Method::March => "march",
+            Method::Exact => "exact",
+        }
+    }
+
+    /// Name for people.
+    pub fn label(self) -> &'static str {
+        match self {
+            Method::Mc => "Monte Carlo",
+            Method::McQuicksort => "Monte Carlo, quicksort",
+            Method::McBinary => "Monte Carlo, binary search",
+            Method::McLinear => "Monte Carlo, linear search",
+            Method::Stratified => "stratified",
+            Method::Qmc => "quasi-Monte Carlo (Sobol net)",
+            Method::March => "ray march, 1-voxel step",
+            Method::Exact => "ray casting, exact",
+        }
+    }
+
+    /// Slope of the error against the budget that theory expects (METHOD section 4).
+    pub fn expected_slope(self) -> Option<f64> {
+        match self {
+            Method::Mc | Method::McQuicksort | Method::McBinary | Method::McLinear => Some(-0.5),
+            Method::Stratified | Method::Qmc => Some(-2.0 / 3.0),
+            Method::March | Method::Exact => None,
+        }
+    }
+
+    /// True for methods that draw samples of the volume.
+    pub fn samples_volume(self) -> bool {
+        !matches!(self, Method::March | Method::Exact)
+    }
+}
+
+impl std::str::FromStr for Method {
+    type Err = String;
+    fn from_str(s: &str) -> Result<Self, String> {
+        Self::ALL.into_iter().find(|m| m.name() == s).ok_or_else(|| {
+            format!("unknown method '{s}'; one of {}", Self::ALL.map(Method::name).join(", "))
+        })
+    }
+}
+
+impl std::fmt::Display for Method {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.name())
+    }
+}

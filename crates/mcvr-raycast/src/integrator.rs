@@ -1,7 +1,7 @@
 //! The exact integral along single rays, prepared once per density and kernel.
 
 use mcvr_scene::{Camera, Density, Estimand, Kernel};
-use mcvr_volume::Voxel;
+use mcvr_volume::{Grid, Voxel};
 
 use crate::cell::{BoxCell, SplineCell, TentCell};
 use crate::field::{Visit, Weigh, with_field};
@@ -50,46 +50,54 @@ impl<'a> Integrator<'a> {
         Rays { field: &*self.field, view, squared }
     }
 
-    /// Columns and rows of the pixels that density can project to, as half-open ranges `[x0, x1, y0, y1]` within
-    /// the image; the whole image when the density reaches behind a pinhole's near plane.
+    /// [`outline`] of the density.
     pub(crate) fn outline(&self, camera: &Camera) -> [usize; 4] {
-        let (width, height) = (camera.extent().width, camera.extent().height);
+        let (low, high) = self.index_bounds();
+        outline(camera, self.density.volume().grid(), low, high)
+    }
+
+    /// The box around all density, in index coordinates.
+    fn index_bounds(&self) -> ([f64; 3], [f64; 3]) {
         let (low, high) = self.field.bounds();
-        let to_world = self.density.volume().grid().index_to_world();
         let support = self.kernel.support();
-        let mut span = [f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::NEG_INFINITY];
-        for corner in 0..8 {
-            let pick = |a: usize| if corner >> a & 1 == 0 { low[a] - support } else { high[a] - support };
-            let (px, py, z) = camera.project(to_world.transform_point3([pick(0), pick(1), pick(2)].into()));
-            if !camera.is_parallel() && z < camera.near() {
-                return [0, width, 0, height];
-            }
-            span = [span[0].min(px), span[1].max(px), span[2].min(py), span[3].max(py)];
-        }
-        // One pixel of margin for rounding; `as` saturates.
-        let clamp = |v: f64, n: usize| (v.max(0.0) as usize).min(n);
-        let [x0, x1, y0, y1] = span;
-        [
-            clamp(x0.floor() - 1.0, width),
-            clamp(x1.ceil() + 1.0, width),
-            clamp(y0.floor() - 1.0, height),
-            clamp(y1.ceil() + 1.0, height),
-        ]
+        (low.map(|v| v - support), high.map(|v| v - support))
     }
 
     /// Length of a pixel's side in voxels, at the far end of the density.
     pub(crate) fn coarsest_pixel(&self, camera: &Camera, rays: &Rays<'_>) -> f64 {
-        let (low, high) = self.field.bounds();
-        let to_world = self.density.volume().grid().index_to_world();
-        let support = self.kernel.support();
-        let depth = (0..8)
-            .map(|corner| {
-                let pick = |a: usize| if corner >> a & 1 == 0 { low[a] - support } else { high[a] - support };
-                camera.project(to_world.transform_point3([pick(0), pick(1), pick(2)].into())).2
-            })
-            .fold(f64::NEG_INFINITY, f64::max);
+        let (low, high) = self.index_bounds();
+        let corners = projected_corners(camera, self.density.volume().grid(), low, high);
+        let depth = corners.iter().map(|c| c.2).fold(f64::NEG_INFINITY, f64::max);
         rays.view.pixel_in_voxels(depth)
     }
+}
+
+/// Pixel coordinates and depths of the corners of a box given in index coordinates.
+fn projected_corners(camera: &Camera, grid: &Grid, low: [f64; 3], high: [f64; 3]) -> [(f64, f64, f64); 8] {
+    let to_world = grid.index_to_world();
+    std::array::from_fn(|corner| {
+        let index: [f64; 3] = std::array::from_fn(|a| if corner >> a & 1 == 0 { low[a] } else { high[a] });
+        camera.project(to_world.transform_point3(index.into()))
+    })
+}
+
+/// Columns and rows of the pixels to which a box (index coordinates) can project, as half-open ranges
+/// `[x0, x1, y0, y1]` within the image; the whole image when the box reaches before a pinhole's near plane.
+pub(crate) fn outline(camera: &Camera, grid: &Grid, low: [f64; 3], high: [f64; 3]) -> [usize; 4] {
+    let (width, height) = (camera.extent().width, camera.extent().height);
+    let mut span = [f64::INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::NEG_INFINITY];
+    for (px, py, z) in projected_corners(camera, grid, low, high) {
+        if !camera.is_parallel() && z < camera.near() {
+            return [0, width, 0, height];
+        }
+        span = [span[0].min(px), span[1].max(px), span[2].min(py), span[3].max(py)];
+    }
+    // One pixel of margin for rounding; `as` saturates.
+    let clamp = |v: f64, n: usize| (v.max(0.0) as usize).min(n);
+    let [x0, x1, y0, y1] = span;
+    let (x0, x1) = (clamp(x0.floor() - 1.0, width), clamp(x1.ceil() + 1.0, width));
+    let (y0, y1) = (clamp(y0.floor() - 1.0, height), clamp(y1.ceil() + 1.0, height));
+    [x0, x1.max(x0), y0, y1.max(y0)]
 }
 
 /// The rays of one camera through one field, for one estimand.

@@ -25,8 +25,11 @@ mod cubature;
 mod error;
 mod field;
 mod integrator;
+mod march;
+mod pattern;
 
 mod reference;
+mod sampled;
 mod view;
 mod walk;
 
@@ -34,5 +37,6 @@ pub use counters::Counters;
 pub use error::RaycastError;
 pub use integrator::{Integrator, Rays};
 
+pub use march::{MarchImage, MarchOptions, march};
 pub use mcvr_scene::Watch;
 pub use reference::{ErrorEstimate, Reference, ReferenceOptions, reference};

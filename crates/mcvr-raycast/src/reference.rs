@@ -110,7 +110,7 @@ pub fn reference(
     // Centre rays can all miss a small volume; then the mean is that of an image that holds all of the mass.
     let mean = if sum > 0.0 { sum / pixels } else { whole_mean(density, camera, options.estimand) / pixels };
     let rule = if options.kernel == Kernel::Box { Rule::Jumps } else { Rule::Continuous };
-    let base = base_depth(&integrator, camera, &rays).min(options.max_depth);
+    let base = base_depth(&integrator, camera, &rays, options.tolerance).min(options.max_depth);
     let limits = Limits { tolerance: options.tolerance * mean, base, depth: options.max_depth };
 
     let rows: Vec<(u64, Counters)> = image
@@ -160,9 +160,13 @@ fn whole_mean(density: &Density, camera: &Camera, estimand: Estimand) -> f64 {
     }
 }
 
-/// Halvings before the first estimate, so that no square is wider than two voxels: its 5×5 points then lie half
-/// a voxel apart, and nothing that the grid can hold slips between them unseen.
-fn base_depth(integrator: &Integrator, camera: &Camera, rays: &Rays) -> u32 {
-    let voxels = integrator.coarsest_pixel(camera, rays);
-    if voxels > 2.0 { (0.5 * voxels).log2().ceil().min(16.0) as u32 } else { 0 }
+/// Halvings before the first estimate, so that nothing that the grid can hold slips between the points unseen.
+///
+/// No square is wider than two voxels: 5×5 points lie half a voxel apart. `box` needs more: its image is full of kinks
+/// that meet at voxel corners, and a corner of size δ between the points hides an error of the order of δ³. So there
+/// squares shrink from one voxel at a tolerance of 1e-3 with the cube root of the tolerance.
+fn base_depth(integrator: &Integrator, camera: &Camera, rays: &Rays, tolerance: f64) -> u32 {
+    let widest = if integrator.kernel() == Kernel::Box { (tolerance * 1e3).cbrt().min(1.0) } else { 2.0 };
+    let ratio = integrator.coarsest_pixel(camera, rays) / widest;
+    if ratio > 1.0 { ratio.log2().ceil().min(16.0) as u32 } else { 0 }
 }

@@ -43,8 +43,8 @@ impl Crossings {
     #[inline(always)]
     fn new(ray: &IndexRay, at: [i32; 3], side: f64) -> Self {
         let mut c = Self { next: [f64::INFINITY; 3], delta: [f64::INFINITY; 3], step: [0; 3] };
-        for a in 0..3 {
-            let inverse = 1.0 / ray.direction[a];
+        for (a, &direction) in ray.direction.iter().enumerate() {
+            let inverse = 1.0 / direction;
             // A direction of 0 (or one so small that its inverse overflows) never meets a plane.
             if inverse.is_finite() {
                 let forward = inverse > 0.0;
@@ -73,8 +73,8 @@ impl Crossings {
         let sy = !sx & (y <= z);
         let sz = !(sx | sy);
         let hit = [sx, sy, sz];
-        for a in 0..3 {
-            self.next[a] += if hit[a] { self.delta[a] } else { 0.0 };
+        for (next, (delta, hit)) in self.next.iter_mut().zip(self.delta.iter().zip(hit)) {
+            *next += if hit { *delta } else { 0.0 };
         }
         hit
     }

@@ -1,4 +1,5 @@
 //! Single rays and pixels against integration by the field's definition.
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
 
 mod common;
 

@@ -1,0 +1,168 @@
+//! The plain ray march: midpoint samples at a fixed step, the method that people really use (Joseph 1982 and since).
+
+use std::time::Instant;
+
+use mcvr_scene::{Camera, Density, Estimand, Image, Kernel};
+use mcvr_volume::{Voxel, Voxels};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::field::{Stored, Visit, Weigh, stored_is_weight, with_field};
+use crate::pattern::{Pattern, random_of_row};
+use crate::sampled::SampledField;
+use crate::view::{IndexRay, View};
+use crate::{Counters, RaycastError, Watch};
+
+/// How to march.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct MarchOptions {
+    /// Largest distance between samples, in units of the smallest voxel spacing. Every ray's path through the
+    /// field is cut into equal steps no longer than this.
+    pub step: f64,
+    /// Rays per pixel: 1 is the pixel's centre; a square number the centres of a grid of sub-pixels; other
+    /// numbers are jittered strata.
+    pub rays_per_pixel: u32,
+    /// Random points within the strata in every case.
+    pub jitter: bool,
+    /// How weights are spread; not `shell`.
+    pub kernel: Kernel,
+    /// What a pixel means (METHOD section 2).
+    pub estimand: Estimand,
+    /// Seed of the jitter; random numbers are keyed by it and the image row.
+    pub seed: u64,
+}
+
+impl MarchOptions {
+    /// Largest `rays_per_pixel`.
+    pub const RAYS_LIMIT: u32 = 1 << 20;
+}
+
+impl Default for MarchOptions {
+    /// Half-voxel steps through the pixel's centre, `tent`, `line`.
+    fn default() -> Self {
+        Self {
+            step: 0.5,
+            rays_per_pixel: 1,
+            jitter: false,
+            kernel: Kernel::default(),
+            estimand: Estimand::default(),
+            seed: 0,
+        }
+    }
+}
+
+/// A marched image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MarchImage {
+    /// The estimand's value for every pixel.
+    pub image: Image,
+    /// Work done; `evaluations` are steps.
+    pub counters: Counters,
+    /// Wall time in seconds, preparation included.
+    pub seconds: f64,
+}
+
+/// Marches rays through the field. Positions and interpolation are `f32` (as on a GPU), sums `f64`. Pixels outside
+/// the outline of the grid's support cost nothing; inside it every step is taken, empty space included.
+/// The same image, bit for bit, for any number of threads. `watch` hears of every finished row.
+///
+/// # Errors
+/// [`RaycastError::Shell`], [`RaycastError::Step`] or [`RaycastError::Rays`] for unusable options,
+/// [`RaycastError::Cancelled`] when `watch` said so.
+pub fn march(
+    density: &Density,
+    camera: &Camera,
+    options: &MarchOptions,
+    watch: &Watch,
+) -> Result<MarchImage, RaycastError> {
+    let start = Instant::now();
+    if !options.step.is_finite() || options.step <= 0.0 {
+        return Err(RaycastError::Step(options.step));
+    }
+    if !(1..=MarchOptions::RAYS_LIMIT).contains(&options.rays_per_pixel) {
+        return Err(RaycastError::Rays { given: options.rays_per_pixel, limit: MarchOptions::RAYS_LIMIT });
+    }
+    if options.kernel == Kernel::Shell {
+        return Err(RaycastError::Shell);
+    }
+    let job = Job { density, camera, options, watch };
+    let (image, counters) = match density.volume().voxels() {
+        Voxels::U8(voxels) if stored_is_weight(density) => job.run(voxels, Stored),
+        _ => with_field(density, job),
+    };
+    if watch.cancelled() {
+        return Err(RaycastError::Cancelled);
+    }
+    Ok(MarchImage { image, counters, seconds: start.elapsed().as_secs_f64() })
+}
+
+struct Job<'a, 'w> {
+    density: &'a Density,
+    camera: &'w Camera,
+    options: &'w MarchOptions,
+    watch: &'w Watch<'w>,
+}
+
+impl<'a> Visit<'a, f32> for Job<'a, '_> {
+    type Out = (Image, Counters);
+
+    fn run<T: Voxel, W: Weigh<T, f32> + Send + 'a>(self, voxels: &'a [T], weights: W) -> Self::Out {
+        let Self { density, camera, options, watch } = self;
+        let grid = density.volume().grid();
+        let field = SampledField::new(voxels, weights, grid.dims(), options.kernel);
+        let view = View::new(camera, grid, options.estimand, density.mass(), 0.0);
+        let squared = view.squared();
+        // Longest step in mm of path.
+        let step = options.step * grid.spacing().min_element();
+        let pattern = Pattern::new(options.rays_per_pixel, options.jitter);
+        let share = 1.0 / f64::from(options.rays_per_pixel);
+        let mut image = Image::zeros(camera.extent());
+        let [x0, x1, y0, y1] = crate::integrator::outline(camera, grid, field.low(), field.high());
+        let rows: Vec<Counters> = image
+            .values_mut()
+            .par_chunks_mut(camera.extent().width)
+            .enumerate()
+            .with_max_len(1)
+            .map(|(y, row)| {
+                let mut counters = Counters::default();
+                let mut random = random_of_row(options.seed, y);
+                let columns = if (y0..y1).contains(&y) && !watch.cancelled() { x0..x1 } else { 0..0 };
+                for x in columns {
+                    let mut sum = 0.0;
+                    pattern.for_each(&mut random, |dx, dy| {
+                        let (px, py) = (x as f64 + dx, y as f64 + dy);
+                        let (ray, factor) = view.ray(px, py);
+                        let step = step * camera.depth_rate(px, py);
+                        sum += factor * cast(&field, &ray, step, squared, &mut counters);
+                    });
+                    row[x] = sum * share;
+                }
+                watch.advance(1);
+                counters
+            })
+            .collect();
+        let mut counters = Counters::default();
+        rows.into_iter().for_each(|c| counters += c);
+        (image, counters)
+    }
+}
+
+/// `∫ ρ dt` (or `∫ ρ t² dt`) by the midpoint rule with equal steps of at most `step` in the ray's parameter.
+fn cast<T: Voxel, W: Weigh<T, f32>>(
+    field: &SampledField<T, W>,
+    ray: &IndexRay,
+    step: f64,
+    squared: bool,
+    counters: &mut Counters,
+) -> f64 {
+    counters.rays += 1;
+    let Some((from, to)) = ray.clip(field.low(), field.high()) else { return 0.0 };
+    // A march of 2^40 steps would not end in anyone's life; `as` saturates.
+    let steps = ((to - from) / step).ceil().clamp(1.0, (1u64 << 40) as f64) as u64;
+    let dt = (to - from) / steps as f64;
+    dt * if squared {
+        field.sum::<true>(ray, from, dt, steps, counters)
+    } else {
+        field.sum::<false>(ray, from, dt, steps, counters)
+    }
+}

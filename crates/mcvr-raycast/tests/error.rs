@@ -1,0 +1,95 @@
+//! The reference's own error estimate holds, and the march converges to the reference as it should.
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
+
+mod common;
+
+use common::*;
+use mcvr_raycast::{MarchOptions, ReferenceOptions, Watch, march};
+use mcvr_scene::{Camera, Density, Estimand, Image, Kernel};
+
+fn rmse(a: &Image, b: &Image) -> f64 {
+    let d = a.difference(b).unwrap();
+    (d.values().iter().map(|v| v * v).sum::<f64>() / d.values().len() as f64).sqrt() / b.mean()
+}
+
+#[test]
+fn the_true_error_is_below_the_estimate() {
+    let grid = plain_grid([13, 11, 9]);
+    let d = density(grid.clone(), noise(grid.len()));
+    // (azimuth, elevation, parallel): oblique, near an axis, faces edge-on, and exactly along an axis.
+    let views = [(30.0, 20.0, false), (1.0, 0.5, false), (30.0, 0.0, true), (0.0, 0.0, true), (0.0, 0.0, false)];
+    for kernel in KERNELS {
+        for (azimuth, elevation, parallel) in views {
+            let camera = look(&grid, azimuth, elevation, parallel, 17);
+            let coarse = ReferenceOptions { max_depth: 3, ..options(Estimand::Line, kernel, 1e-2) };
+            let r = run(&d, &camera, &coarse);
+            let fine = ReferenceOptions { max_depth: 6, ..options(Estimand::Line, kernel, 3e-4) };
+            let truth = run(&d, &camera, &fine);
+            let (error, estimate) = (rmse(&r.image, &truth.image), r.error.rel_rmse_estimate);
+            // The truth's own error counts against the claim, so it stays part of the comparison.
+            assert!(
+                error <= estimate,
+                "{kernel} {azimuth},{elevation} {parallel}: error {error:e} estimate {estimate:e}"
+            );
+            assert!(
+                truth.error.rel_rmse_estimate < 0.5 * estimate,
+                "the truth is better: {kernel} {azimuth},{elevation}"
+            );
+            if r.error.depth_limited == 0 {
+                assert!(estimate <= 1e-2);
+            }
+        }
+    }
+}
+
+fn scene() -> (Density, Camera) {
+    let grid = plain_grid([24, 24, 24]);
+    let d = density(grid.clone(), noise(grid.len()));
+    let camera = look(&grid, 30.0, 20.0, false, 32);
+    (d, camera)
+}
+
+#[test]
+fn the_march_converges_to_the_reference_with_the_step() {
+    // Same centre rays at a vanishing step, so that the step's error stands alone: second order for tent.
+    let (d, camera) = scene();
+    let at = |step| march(&d, &camera, &MarchOptions { step, ..MarchOptions::default() }, &Watch::default()).unwrap();
+    let limit = at(0.01).image;
+    let errors: Vec<f64> = [0.4, 0.2, 0.1].map(|s| rmse(&at(s).image, &limit)).to_vec();
+    for pair in errors.windows(2) {
+        let order = (pair[0] / pair[1]).log2();
+        assert!((1.6..2.6).contains(&order), "order {order} from {errors:?}");
+    }
+}
+
+#[test]
+fn the_march_converges_to_the_reference_with_rays_and_step() {
+    let (d, camera) = scene();
+    for (estimand, kernel) in
+        [(Estimand::Line, Kernel::Tent), (Estimand::Count, Kernel::Tent), (Estimand::Line, Kernel::Bspline3)]
+    {
+        let truth = run(&d, &camera, &options(estimand, kernel, 3e-4)).image;
+        let error = |rays, step, jitter| {
+            let o = MarchOptions { rays_per_pixel: rays, step, jitter, estimand, kernel, seed: 1 };
+            rmse(&march(&d, &camera, &o, &Watch::default()).unwrap().image, &truth)
+        };
+        let centre = error(1, 0.1, false);
+        let (few, many) = (error(4, 0.1, true), error(64, 0.1, true));
+        // Stratified jitter: R^-1 for a smooth integrand, so 16 times the rays give 1/16 of the error.
+        let order = (few / many).ln() / 16f64.ln();
+        assert!((0.8..1.3).contains(&order), "{estimand} {kernel}: order {order} ({few} to {many})");
+        let grid = error(64, 0.1, false);
+        assert!(grid < 0.05 * centre && grid < 3e-3, "{estimand} {kernel}: centre {centre}, 8x8 grid {grid}");
+    }
+}
+
+#[test]
+fn counters_add_up() {
+    let (d, camera) = scene();
+    let r = run(&d, &camera, &options(Estimand::Line, Kernel::Tent, 1e-3));
+    assert_eq!(r.counters.evaluations, 2 * r.counters.cells);
+    assert!(r.counters.voxel_reads <= 8 * r.counters.cells && r.counters.voxel_reads > 6 * r.counters.cells);
+    let m = march(&d, &camera, &MarchOptions::default(), &Watch::default()).unwrap();
+    assert!(m.counters.rays <= 32 * 32 && m.counters.cells == 0);
+    assert!(m.counters.voxel_reads <= 8 * m.counters.evaluations);
+}

@@ -1,6 +1,7 @@
 //! The walk of a ray through bricks and cells (Amanatides and Woo 1987), and the exact integral on the way.
 
 use std::marker::PhantomData;
+use std::ops::Range;
 
 use mcvr_volume::Voxel;
 
@@ -30,6 +31,12 @@ pub(crate) struct CellField<'a, T, W, K> {
     kernel: PhantomData<K>,
 }
 
+/// `v` or 0, without a branch.
+#[inline(always)]
+fn keep(v: f64, when: bool) -> f64 {
+    f64::from_bits(v.to_bits() & u64::from(when).wrapping_neg())
+}
+
 /// Where a ray meets the next plane between cells (or bricks) on each axis.
 #[derive(Clone, Copy)]
 struct Crossings {
@@ -41,10 +48,9 @@ struct Crossings {
 impl Crossings {
     /// From index `at` on, for planes at multiples of `side`.
     #[inline(always)]
-    fn new(ray: &IndexRay, at: [i32; 3], side: f64) -> Self {
+    fn new(ray: &IndexRay, inverse: [f64; 3], at: [i32; 3], side: f64) -> Self {
         let mut c = Self { next: [f64::INFINITY; 3], delta: [f64::INFINITY; 3], step: [0; 3] };
-        for (a, &direction) in ray.direction.iter().enumerate() {
-            let inverse = 1.0 / direction;
+        for (a, &inverse) in inverse.iter().enumerate() {
             // A direction of 0 (or one so small that its inverse overflows) never meets a plane.
             if inverse.is_finite() {
                 let forward = inverse > 0.0;
@@ -74,7 +80,7 @@ impl Crossings {
         let sz = !(sx | sy);
         let hit = [sx, sy, sz];
         for (next, (delta, hit)) in self.next.iter_mut().zip(self.delta.iter().zip(hit)) {
-            *next += if hit { *delta } else { 0.0 };
+            *next += keep(*delta, hit);
         }
         hit
     }
@@ -105,13 +111,14 @@ impl<'a, T: Voxel, W: Weigh<T, f64>, K: CellKernel> CellField<'a, T, W, K> {
         let first = self.bricks.first.map(|b| b as i32);
         let last = self.bricks.last.map(|b| b as i32);
         let mut brick = Self::locate(ray, t, 1.0 / SIDE as f64, first, last);
-        let mut planes = Crossings::new(ray, brick, SIDE as f64);
+        let inverse = ray.direction.map(|d| 1.0 / d);
+        let mut planes = Crossings::new(ray, inverse, brick, SIDE as f64);
         let mut sum = 0.0;
         loop {
             let leave = planes.nearest().min(end);
             if leave > t {
                 if self.bricks.occupied(brick) {
-                    sum += self.brick::<SQUARED>(ray, brick, t, leave, counters);
+                    sum += self.brick::<SQUARED>(ray, inverse, brick, t..leave, counters);
                 } else {
                     counters.empty_bricks += 1;
                 }
@@ -134,18 +141,18 @@ impl<'a, T: Voxel, W: Weigh<T, f64>, K: CellKernel> CellField<'a, T, W, K> {
     fn brick<const SQUARED: bool>(
         &self,
         ray: &IndexRay,
+        inverse: [f64; 3],
         brick: [i32; 3],
-        mut t: f64,
-        end: f64,
+        Range { start: mut t, end }: Range<f64>,
         counters: &mut Counters,
     ) -> f64 {
         let low = brick.map(|b| b * SIDE as i32);
         let high = low.map(|c| c + SIDE as i32 - 1);
         let mut cell = Self::locate(ray, t, 1.0, low, high);
-        let mut planes = Crossings::new(ray, cell, 1.0);
+        let mut planes = Crossings::new(ray, inverse, cell, 1.0);
         let mut piece = Piece { local: local(ray, cell), step: ray.direction, from: t, to: t };
         let back: [f64; 3] = planes.step.map(f64::from);
-        let (mut sum, mut cells) = (0.0, 0);
+        let (mut sum, mut cells, mut reads) = (0.0, 0, 0);
         // A straight line meets at most 3 * 8 - 2 cells of a brick; the bound also ends walks on which rounding
         // keeps `t` from advancing.
         for _ in 0..3 * SIDE {
@@ -153,7 +160,7 @@ impl<'a, T: Voxel, W: Weigh<T, f64>, K: CellKernel> CellField<'a, T, W, K> {
             let leave = if leave < end { leave } else { end };
             if leave > t {
                 (piece.from, piece.to) = (t, leave);
-                let weights = self.gather(cell, counters);
+                let weights = self.gather(cell, &mut reads);
                 sum += K::integrate::<SQUARED>(&weights, &piece);
                 cells += 1;
                 t = leave;
@@ -163,25 +170,26 @@ impl<'a, T: Voxel, W: Weigh<T, f64>, K: CellKernel> CellField<'a, T, W, K> {
             }
             let hit = planes.cross();
             for a in 0..3 {
-                cell[a] += if hit[a] { planes.step[a] } else { 0 };
-                piece.local[a] -= if hit[a] { back[a] } else { 0.0 };
+                cell[a] += planes.step[a] & -i32::from(hit[a]);
+                piece.local[a] -= keep(back[a], hit[a]);
             }
         }
         counters.cells += cells;
+        counters.voxel_reads += reads;
         counters.evaluations += cells * K::points(SQUARED);
         sum
     }
 
     /// Weights of a cell; voxels outside the grid weigh 0 (METHOD section 1).
     #[inline(always)]
-    fn gather(&self, cell: [i32; 3], counters: &mut Counters) -> K::Weights {
+    fn gather(&self, cell: [i32; 3], reads: &mut u64) -> K::Weights {
         let reach = K::TAPS - 1;
         let [nx, ny, nz] = self.dims;
         // Wraps to a huge number when the cell needs voxels before the grid.
         let [x, y, z] = cell.map(|c| (c as usize).wrapping_sub(reach));
         let fits = |at: usize, n: usize| n > reach && at < n - reach;
         if fits(x, nx) && fits(y, ny) && fits(z, nz) {
-            counters.voxel_reads += (K::TAPS * K::TAPS * K::TAPS) as u64;
+            *reads += (K::TAPS * K::TAPS * K::TAPS) as u64;
             let base = x + nx * (y + ny * z);
             return K::gather(|a, b, c| {
                 debug_assert!(a <= reach && b <= reach && c <= reach);
@@ -194,7 +202,7 @@ impl<'a, T: Voxel, W: Weigh<T, f64>, K: CellKernel> CellField<'a, T, W, K> {
         K::gather(|a, b, c| {
             let (i, j, k) = (x.wrapping_add(a), y.wrapping_add(b), z.wrapping_add(c));
             if i < nx && j < ny && k < nz {
-                counters.voxel_reads += 1;
+                *reads += 1;
                 self.weights.weigh(self.voxels[i + nx * (j + ny * k)])
             } else {
                 0.0

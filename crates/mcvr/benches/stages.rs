@@ -5,7 +5,9 @@ use std::hint::black_box;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use mcvr::mc::{OrderStatistics, Stratified};
 use mcvr::qmc::{Scramble, SobolNet};
-use mcvr::sampling::{Distribution, PointBlock, PointStream, RenderOptions, VoxelOrder, block_count, block_len, render};
+use mcvr::sampling::{
+    Distribution, PointBlock, PointStream, RenderOptions, VoxelOrder, block_count, block_len, render,
+};
 use mcvr::scene::{Camera, Density, DensityMap, Estimand, Extent, Kernel, View, Watch};
 
 const SAMPLES: u64 = 1 << 22;
@@ -35,7 +37,9 @@ fn distribution(c: &mut Criterion) {
     let (density, _) = scene();
     let mut group = c.benchmark_group("distribution");
     group.throughput(Throughput::Elements(density.report().voxels));
-    for (name, order) in [("raster", VoxelOrder::Raster), ("hilbert", VoxelOrder::Hilbert), ("z", VoxelOrder::ZInnermost)] {
+    for (name, order) in
+        [("raster", VoxelOrder::Raster), ("hilbert", VoxelOrder::Hilbert), ("z", VoxelOrder::ZInnermost)]
+    {
         group.bench_function(name, |b| {
             on_one_thread(|| b.iter(|| Distribution::new(black_box(&density), order).expect("a distribution").total()));
         });
@@ -70,7 +74,9 @@ fn image(c: &mut Criterion) {
     let mut run = |id: BenchmarkId, stream: &(dyn PointStream + Send), options: RenderOptions| {
         group.bench_function(id, |b| {
             on_one_thread(|| {
-                b.iter(|| render(&distribution, stream, &camera, &options, &Watch::default()).expect("an image").counters);
+                b.iter(|| {
+                    render(&distribution, stream, &camera, &options, &Watch::default()).expect("an image").counters
+                });
             });
         });
     };

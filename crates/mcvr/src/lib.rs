@@ -25,7 +25,9 @@ pub use mcvr_volume as volume;
 mod make;
 mod measured;
 mod method;
+mod scene_file;
 
-pub use make::{MakeError, Made, Request, Scenery, make};
+pub use make::{Made, MakeError, Request, Scenery, make};
 pub use measured::Measured;
 pub use method::Method;
+pub use scene_file::{CameraSection, ImageSection, SamplingSection, SceneFile, SceneFileError, VolumeSection};

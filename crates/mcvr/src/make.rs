@@ -190,7 +190,8 @@ fn cast(
     let phases = |projection| PhaseSeconds { distribution, sampling: 0.0, projection, complete: 0.0 };
     if request.method == Method::March {
         let rays_per_pixel = rays_per_pixel(request.samples, camera);
-        let options = MarchOptions { step: request.step, rays_per_pixel, kernel, estimand, seed, ..MarchOptions::default() };
+        let options =
+            MarchOptions { step: request.step, rays_per_pixel, kernel, estimand, seed, ..MarchOptions::default() };
         let made = march(density, camera, &options, watch)?;
         let counters = json!({ "rays_per_pixel": rays_per_pixel, "march": made.counters });
         let samples = u64::from(rays_per_pixel) * camera.extent().pixels() as u64;

@@ -87,9 +87,10 @@ impl Method {
 impl std::str::FromStr for Method {
     type Err = String;
     fn from_str(s: &str) -> Result<Self, String> {
-        Self::ALL.into_iter().find(|m| m.name() == s).ok_or_else(|| {
-            format!("unknown method '{s}'; one of {}", Self::ALL.map(Method::name).join(", "))
-        })
+        Self::ALL
+            .into_iter()
+            .find(|m| m.name() == s)
+            .ok_or_else(|| format!("unknown method '{s}'; one of {}", Self::ALL.map(Method::name).join(", ")))
     }
 }
 

@@ -1,0 +1,41 @@
+//! `mcvr compare`
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use serde_json::json;
+
+use super::render::write_json;
+
+#[derive(clap::Args)]
+#[command(after_help = "Example:\n  mcvr compare fast.npy truth.npy --difference difference.png\n\n\
+    Compare linear files (.npy, .exr, .tiff); a PNG holds toned grey levels, not values.")]
+pub struct Args {
+    /// Image to judge
+    image: PathBuf,
+    /// Reference
+    reference: PathBuf,
+    /// Write the signed difference: red where the image is larger, blue where it is smaller
+    #[arg(long, value_name = "FILE.png")]
+    difference: Option<PathBuf>,
+    /// Write the figures as JSON; - for standard output
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+pub fn run(args: &Args) -> anyhow::Result<()> {
+    let result = mcvr::harness::compare_files(&args.image, &args.reference, args.difference.as_deref())?;
+    if let Some(path) = &args.json {
+        write_json(
+            path,
+            &json!({
+                "image": args.image, "reference": args.reference,
+                "comparison": result.comparison, "difference_scale": result.difference_scale,
+            }),
+        )?;
+    }
+    if args.json.as_deref() != Some("-".as_ref()) {
+        writeln!(std::io::stdout(), "{}", result.comparison)?;
+    }
+    Ok(())
+}

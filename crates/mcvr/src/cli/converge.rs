@@ -1,0 +1,224 @@
+//! `mcvr converge`, and the tour that runs without a command.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use anyhow::{Context, bail};
+use mcvr::harness::{self, ConvergeOptions, RunMeta, RunSummary, RunWatch, Truth};
+use mcvr::raycast::{ReferenceOptions, reference};
+use mcvr::scene::film;
+use mcvr::scene::{Density, Watch};
+use mcvr::{Measured, Method, Request};
+use serde_json::{Value, json};
+
+use super::args::{BudgetArgs, DensityArgs, MethodArgs, ToneArgs, ViewArgs, VolumeArgs};
+use super::render::write_json;
+use super::setup::{Setup, setup};
+use super::{Interrupted, numbers, progress};
+
+#[derive(clap::Args, Default)]
+#[command(after_help = "Examples:\n  \
+    mcvr converge phantom:lobster -o results\n  \
+    mcvr converge lobster.mha --methods mc,qmc --samples 2^10..2^24 --replicates 8 --view 30,60 -o results\n\n\
+    Ctrl-C keeps what is finished; the same command resumes. The report is OUT/report.html.")]
+pub struct Args {
+    #[command(flatten)]
+    volume: VolumeArgs,
+    /// Folder for records, plots, images and the report; an unfinished run in it is resumed
+    #[arg(long = "output", short, value_name = "DIR", required = true)]
+    out: PathBuf,
+    /// Methods to measure
+    #[arg(
+        long,
+        value_name = "LIST",
+        value_delimiter = ',',
+        default_value = "mc,stratified,qmc,march",
+        help_heading = "Method"
+    )]
+    methods: Vec<Method>,
+    /// Sample counts: a list, or a range that doubles
+    #[arg(long, value_name = "LIST", default_value = "2^10..2^22", help_heading = "Method")]
+    samples: String,
+    /// Independent repeats at each sample count
+    #[arg(long, value_name = "R", default_value_t = 8, help_heading = "Method")]
+    replicates: u32,
+    /// Sample counts of the image series; `none` for no images
+    #[arg(
+        long,
+        value_name = "LIST",
+        default_value = "31250,62500,125000,250000,500000,1000000",
+        help_heading = "Method"
+    )]
+    series: String,
+    #[command(flatten)]
+    method: MethodArgs,
+    #[command(flatten)]
+    view: ViewArgs,
+    #[command(flatten)]
+    density: DensityArgs,
+}
+
+/// The tour: a phantom, four methods, about a minute.
+pub fn demo(quiet: bool) -> anyhow::Result<()> {
+    let args = Args {
+        volume: VolumeArgs { input: Some("phantom:lobster@160x172x40".into()), ..VolumeArgs::default() },
+        out: PathBuf::from("mcvr-out/demo"),
+        methods: vec![Method::Mc, Method::Stratified, Method::Qmc, Method::March],
+        samples: "2^10..2^23".into(),
+        replicates: 8,
+        series: "31250,62500,125000,250000,500000,1000000".into(),
+        view: ViewArgs { view: Some([30.0, 60.0]), size: "300x300".parse().ok(), ..ViewArgs::default() },
+        ..Args::default()
+    };
+    if !quiet {
+        eprintln!("Measuring Monte Carlo, stratified, quasi-Monte Carlo and a ray march on an embedded phantom.");
+    }
+    run(&args, quiet)
+}
+
+pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
+    let samples = numbers::counts(&args.samples).map_err(anyhow::Error::msg).context("--samples")?;
+    let series = match args.series.as_str() {
+        "none" => vec![],
+        list => numbers::counts(list).map_err(anyhow::Error::msg).context("--series")?,
+    };
+    if args.methods.contains(&Method::Exact) {
+        bail!("--methods: exact is the truth that the others are measured against");
+    }
+    let setup =
+        setup(&args.volume, &args.density, &args.view, &args.method, &BudgetArgs::default(), &ToneArgs::default())?;
+    for note in setup.notes.iter().filter(|_| !quiet) {
+        eprintln!("mcvr: note: {note}");
+    }
+    std::fs::create_dir_all(&args.out).with_context(|| format!("{}", args.out.display()))?;
+    let cancel = progress::interrupt_flag();
+    let density = Density::new(&setup.scenery.volume, setup.scenery.map.clone())?;
+    let truth = truth(&setup, &density, &args.out, &cancel, quiet)?;
+    let requests = args.methods.iter().map(|&method| Request { method, ..setup.request });
+    let methods: Vec<Measured<'_>> = requests.map(|r| Measured::new(&setup.scenery, r, Some(&*cancel))).collect();
+    let methods: Vec<&dyn harness::Method> = methods.iter().map(|m| m as _).collect();
+    let options = ConvergeOptions {
+        samples,
+        replicates: args.replicates,
+        seed: setup.request.seed,
+        series,
+        out: args.out.clone(),
+        meta: meta(&setup, &density),
+    };
+    let summary = measure(&methods, &truth, &options, &cancel, quiet)?;
+    if cancel.load(Ordering::Relaxed) {
+        eprintln!("mcvr: finished records are kept in {}; the same command resumes", args.out.display());
+        return Err(anyhow::Error::new(Interrupted));
+    }
+    if !quiet {
+        println!("Report: {}", args.out.join("report.html").display());
+        for line in harness::key_lines(&summary) {
+            println!("  {line}");
+        }
+    }
+    Ok(())
+}
+
+fn measure(
+    methods: &[&dyn harness::Method],
+    truth: &Truth,
+    options: &ConvergeOptions,
+    cancel: &AtomicBool,
+    quiet: bool,
+) -> anyhow::Result<RunSummary> {
+    let bar = progress::bar(1, quiet);
+    let report = |done: u64, total: u64, next: &str| {
+        bar.set_length(total);
+        bar.set_position(done);
+        bar.set_message(next.to_owned());
+    };
+    let outcome = harness::converge(methods, truth, options, RunWatch { cancel, progress: &report });
+    bar.finish_and_clear();
+    Ok(outcome?)
+}
+
+fn meta(setup: &Setup, density: &Density) -> RunMeta {
+    let mass = density.report();
+    let clamped = match mass.negative {
+        0 => String::new(),
+        n => format!("; {n} negative voxels count as 0, dropping {:.4e}", mass.dropped),
+    };
+    let order = setup.request.order.resolve(&setup.scenery.camera, setup.scenery.volume.grid());
+    RunMeta {
+        dataset: Path::new(&setup.input).file_name().map_or(setup.input.clone(), |n| n.to_string_lossy().into_owned()),
+        view: setup.view.clone(),
+        kernel: setup.request.kernel,
+        estimand: setup.request.estimand,
+        density: format!(
+            "{:?}, mass {:.6e}; voxel order {}, scramble {}{clamped}",
+            setup.scenery.map.transfer,
+            mass.mass,
+            order.name(),
+            setup.request.scramble.name()
+        ),
+        threads: rayon::current_num_threads(),
+        machine: harness::machine(),
+        commit: harness::git_commit(),
+        command: command(),
+    }
+}
+
+/// The command line as given, paths of folders left out.
+fn command() -> String {
+    let mut words = std::env::args().skip(1).map(|word| match Path::new(&word).file_name() {
+        Some(name) if word.starts_with('/') => name.to_string_lossy().into_owned(),
+        _ => word,
+    });
+    std::iter::once("mcvr".to_owned()).chain(&mut words).collect::<Vec<_>>().join(" ")
+}
+
+/// The reference image: from an earlier run into the same folder if it is the same, else ray cast.
+fn truth(setup: &Setup, density: &Density, out: &Path, cancel: &AtomicBool, quiet: bool) -> anyhow::Result<Truth> {
+    let (record, image) = (out.join("truth.json"), out.join("truth.npy"));
+    let tolerance = setup.request.tolerance;
+    let key = json!({
+        "geometry": setup.geometry(), "map": setup.scenery.map, "mass": density.mass(), "tolerance": tolerance,
+        "kernel": setup.request.kernel, "estimand": setup.request.estimand, "version": env!("CARGO_PKG_VERSION"),
+    });
+    if let Some(truth) = stored_truth(&record, &image, &key) {
+        return Ok(truth);
+    }
+    let camera = &setup.scenery.camera;
+    let bar = progress::bar(camera.extent().height as u64, quiet);
+    bar.set_message("ray casting the truth");
+    let advance = |n: u64| bar.inc(n);
+    let watch = Watch { progress: Some(&advance), cancel: Some(cancel) };
+    let options = ReferenceOptions {
+        kernel: setup.request.kernel,
+        estimand: setup.request.estimand,
+        tolerance,
+        ..ReferenceOptions::default()
+    };
+    let made = reference(density, camera, &options, &watch);
+    bar.finish_and_clear();
+    let made = match made {
+        Err(mcvr::raycast::RaycastError::Cancelled) => return Err(anyhow::Error::new(Interrupted)),
+        other => other?,
+    };
+    film::write(&made.image, &image, film::ImageFormat::Npy, &film::Tone::default())?;
+    write_json(
+        &record,
+        &json!({
+            "key": key, "rel_error_estimate": made.error.rel_rmse_estimate, "seconds": made.seconds,
+            "depth_limited_pixels": made.error.depth_limited, "counters": made.counters,
+        }),
+    )?;
+    Ok(Truth { image: made.image, rel_error_estimate: made.error.rel_rmse_estimate, seconds: made.seconds })
+}
+
+fn stored_truth(record: &Path, image: &Path, key: &Value) -> Option<Truth> {
+    let stored: Value = serde_json::from_str(&std::fs::read_to_string(record).ok()?).ok()?;
+    if stored["key"] != *key {
+        return None;
+    }
+    Some(Truth {
+        image: film::read(image).ok()?,
+        rel_error_estimate: stored["rel_error_estimate"].as_f64()?,
+        seconds: stored["seconds"].as_f64()?,
+    })
+}

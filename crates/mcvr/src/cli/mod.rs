@@ -1,0 +1,105 @@
+//! Command line: arguments in, one line of error and a hint out.
+
+mod args;
+mod compare;
+mod converge;
+mod info;
+mod numbers;
+mod process;
+mod progress;
+mod render;
+mod setup;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// X-ray images of 3-D scans by Monte Carlo, with their error and their cost.
+///
+/// Without a command: measures Monte Carlo, stratified, quasi-Monte Carlo and ray casting on an embedded phantom
+/// in about a minute and writes a report to ./mcvr-out/demo.
+#[derive(Parser)]
+#[command(
+    name = "mcvr",
+    version,
+    about,
+    long_about,
+    after_help = "Examples:\n  \
+    mcvr                                             a measured tour on a phantom\n  \
+    mcvr render phantom:lobster -o lobster.png       an X-ray of a phantom\n  \
+    mcvr render head.nrrd --samples 2^24 -o head.exr linear values, 16 million samples\n  \
+    mcvr info scan.nii.gz                            what is in a file\n  \
+    mcvr converge lobster.mha -o results             error and time against the sample count\n\n\
+    Exit status: 0 done, 1 failed, 2 wrong usage, 130 interrupted."
+)]
+struct Cli {
+    /// Threads to use [default: all processors]
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
+    /// Print nothing but errors
+    #[arg(long, short, global = true)]
+    quiet: bool,
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Make one image
+    Render(Box<render::Args>),
+    /// Measure methods against the ray-cast truth over sample counts
+    Converge(Box<converge::Args>),
+    /// Compare two images: errors, bias, a signed difference image
+    Compare(compare::Args),
+    /// Describe a volume file
+    Info(info::Args),
+}
+
+/// Interrupted by the user; what was finished is kept.
+#[derive(Debug)]
+struct Interrupted;
+
+impl std::fmt::Display for Interrupted {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("interrupted")
+    }
+}
+
+impl std::error::Error for Interrupted {}
+
+/// Parses, runs, reports.
+pub fn run() -> ExitCode {
+    let cli = Cli::parse();
+    if let Some(threads) = cli.threads
+        && let Err(e) = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()
+    {
+        eprintln!("mcvr: cannot start {threads} threads: {e}");
+        return ExitCode::FAILURE;
+    }
+    let outcome = match cli.command {
+        None => converge::demo(cli.quiet),
+        Some(Command::Render(args)) => render::run(&args, cli.quiet),
+        Some(Command::Converge(args)) => converge::run(&args, cli.quiet),
+        Some(Command::Compare(args)) => compare::run(&args),
+        Some(Command::Info(args)) => info::run(&args),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(e) if e.is::<Interrupted>() => {
+            eprintln!("mcvr: interrupted");
+            ExitCode::from(130)
+        }
+        // A reader that has seen enough (`mcvr info x | head -1`) is no failure.
+        Err(e)
+            if e.chain().any(|c| {
+                c.downcast_ref::<std::io::Error>().is_some_and(|e| e.kind() == std::io::ErrorKind::BrokenPipe)
+            }) =>
+        {
+            ExitCode::SUCCESS
+        }
+        Err(e) => {
+            eprintln!("mcvr: {}", format!("{e:#}").trim_end());
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -1,0 +1,191 @@
+//! `mcvr render`
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::{Context, bail};
+use mcvr::scene::Watch;
+use mcvr::scene::film::{self, ImageFormat};
+use mcvr::{Made, Method, make};
+use serde_json::{Value, json};
+
+use super::args::{BudgetArgs, DensityArgs, MethodArgs, ToneArgs, ViewArgs, VolumeArgs};
+use super::setup::{Setup, setup};
+use super::{Interrupted, process, progress};
+
+#[derive(clap::Args)]
+#[command(after_help = "Examples:\n  \
+    mcvr render phantom:lobster -o lobster.png\n  \
+    mcvr render scan.nii.gz --view 0,90 --samples 2^24 --estimand line -o scan.exr --json scan.json\n  \
+    mcvr render head.raw --dims 256,256,113 --type u16 --endian be --spacing 1,1,2 --emphasis 1200,8 -o head.png\n  \
+    mcvr render chest.mha --map hounsfield --tone film -o radiograph.png --deep\n  \
+    mcvr render phantom:vessels --method exact --size 256x256 -o truth.npy")]
+pub struct Args {
+    #[command(flatten)]
+    volume: VolumeArgs,
+    /// Image file, repeatable: .png (toned), .exr, .tiff, .npy (linear values)
+    #[arg(long = "output", short, value_name = "FILE", required = true)]
+    outputs: Vec<PathBuf>,
+    /// Write what was done, with geometry, times and counters, as JSON; - for standard output
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    #[command(flatten)]
+    budget: BudgetArgs,
+    #[command(flatten)]
+    method: MethodArgs,
+    #[command(flatten)]
+    view: ViewArgs,
+    #[command(flatten)]
+    density: DensityArgs,
+    #[command(flatten)]
+    tone: ToneArgs,
+}
+
+pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
+    let start = Instant::now();
+    // Everything that can be wrong with the outputs is found before the work.
+    let formats: Vec<ImageFormat> =
+        args.outputs.iter().map(|p| ImageFormat::of(p, args.tone.deep)).collect::<Result<_, _>>()?;
+    for folder in args.outputs.iter().chain(&args.json).filter_map(|p| p.parent()) {
+        if !folder.as_os_str().is_empty() && !folder.is_dir() {
+            bail!("{}: no such folder for the output", folder.display());
+        }
+    }
+    let setup = setup(&args.volume, &args.density, &args.view, &args.method, &args.budget, &args.tone)?;
+    let made = render(&setup, quiet)?;
+    let writing = Instant::now();
+    for (path, format) in args.outputs.iter().zip(&formats) {
+        film::write(&made.image, path, *format, &setup.tone)?;
+    }
+    let write_seconds = writing.elapsed().as_secs_f64();
+    let record = record(&setup, &made, args, write_seconds, start.elapsed().as_secs_f64());
+    if let Some(path) = &args.json {
+        write_json(path, &record)?;
+    }
+    if !quiet {
+        summarise(&setup, &made, &args.outputs);
+    }
+    Ok(())
+}
+
+/// Makes the image with a progress bar; warns of mass that the density map dropped or the near plane cut.
+fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
+    let cancel = progress::interrupt_flag();
+    let total = match setup.request.method {
+        Method::March | Method::Exact => setup.scenery.camera.extent().height as u64,
+        _ => setup.request.samples,
+    };
+    let bar = progress::bar(total, quiet);
+    let advance = |n: u64| bar.inc(n);
+    let outcome = make(&setup.scenery, &setup.request, &Watch { progress: Some(&advance), cancel: Some(&cancel) });
+    bar.finish_and_clear();
+    let made = match outcome {
+        Err(e) if e.is_cancelled() => return Err(anyhow::Error::new(Interrupted)),
+        other => other?,
+    };
+    for note in &setup.notes {
+        eprintln!("mcvr: note: {note}");
+    }
+    if made.mass.negative > 0 {
+        let share = 100.0 * made.mass.dropped / made.mass.weight_sum;
+        eprintln!(
+            "mcvr: warning: {} voxels ({:.2} %) had a negative weight and count as 0; their sum of {:.6e} is {share:.1} % of \
+             what remains. For Hounsfield units use --map hounsfield.",
+            made.mass.negative,
+            100.0 * made.mass.negative as f64 / made.mass.voxels as f64,
+            made.mass.dropped
+        );
+    }
+    let clipped = clipped_share(&made);
+    if clipped > 0.0 {
+        eprintln!(
+            "mcvr: note: the near plane at {} mm cut {:.3} % of the mass",
+            setup.scenery.camera.near(),
+            100.0 * clipped
+        );
+    }
+    Ok(made)
+}
+
+/// Share of samples in front of the near plane.
+fn clipped_share(made: &Made) -> f64 {
+    made.counters["render"]["clipped"].as_u64().map_or(0.0, |n| n as f64 / made.samples as f64)
+}
+
+fn record(setup: &Setup, made: &Made, args: &Args, write: f64, total: f64) -> Value {
+    let r = &setup.request;
+    let s = &made.seconds;
+    let mut record = json!({
+        "method": r.method,
+        "estimand": r.estimand,
+        "unit": r.estimand.unit(),
+        "kernel": r.kernel,
+        "samples": made.samples,
+        "seed": r.seed,
+        "order": r.order,
+        "scramble": r.scramble,
+        "mass": made.mass.mass,
+        "density": { "map": setup.scenery.map, "report": made.mass },
+        "clipped_share": clipped_share(made),
+        "error_estimate": made.error,
+        "seconds": {
+            "load": setup.load_seconds, "distribution": s.distribution, "sampling": s.sampling,
+            "projection": s.projection, "complete": s.complete, "write": write, "total": total,
+        },
+        "counters": made.counters,
+        "threads": rayon::current_num_threads(),
+        "peak_memory_bytes": process::peak_memory(),
+        "outputs": args.outputs,
+        "versions": { "mcvr": env!("CARGO_PKG_VERSION"), "record": 1 },
+    });
+    if let (Value::Object(to), Value::Object(from)) = (&mut record, setup.geometry()) {
+        to.extend(from);
+    }
+    record
+}
+
+/// Writes JSON to a file (beside, then renamed) or to standard output.
+pub fn write_json(path: &Path, value: &Value) -> anyhow::Result<()> {
+    let mut text = serde_json::to_string_pretty(value)?;
+    text.push('\n');
+    if path == Path::new("-") {
+        std::io::stdout().write_all(text.as_bytes())?;
+        return Ok(());
+    }
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let name = path.file_name().and_then(|n| n.to_str()).unwrap_or("json");
+    let temporary = folder.join(format!(".{name}.{}.tmp", std::process::id()));
+    std::fs::write(&temporary, text)
+        .and_then(|()| std::fs::rename(&temporary, path))
+        .inspect_err(|_| drop(std::fs::remove_file(&temporary)))
+        .with_context(|| format!("{}", path.display()))
+}
+
+fn summarise(setup: &Setup, made: &Made, outputs: &[PathBuf]) {
+    let s = &made.seconds;
+    let names: Vec<String> = outputs.iter().map(|p| p.display().to_string()).collect();
+    let unit = if setup.request.method.samples_volume() { "samples" } else { "rays" };
+    eprintln!(
+        "{}: {} {} {unit}, kernel {}, estimand {} ({}), seed {}",
+        names.join(", "),
+        setup.request.method,
+        made.samples,
+        setup.request.kernel,
+        setup.request.estimand,
+        setup.request.estimand.unit(),
+        setup.request.seed
+    );
+    eprintln!(
+        "{:.4} s: distribution {:.4}, sampling {:.4}, projection {:.4} ({} threads; loading {:.3} s before)",
+        s.complete,
+        s.distribution,
+        s.sampling,
+        s.projection,
+        rayon::current_num_threads(),
+        setup.load_seconds
+    );
+    if let Some(error) = made.error {
+        eprintln!("own error estimate: {error:.2e} of the mean pixel (RMS)");
+    }
+}

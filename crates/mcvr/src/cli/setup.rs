@@ -1,0 +1,188 @@
+//! From arguments and a scene file to a scenery and a request.
+
+use std::path::Path;
+use std::time::Instant;
+
+use anyhow::{Context, bail};
+use mcvr::scene::film::Tone;
+use mcvr::scene::{Camera, DensityMap, Extent, View};
+use mcvr::volume::{FileFormat, RawOptions};
+use mcvr::{Request, SceneFile, Scenery};
+use serde_json::{Value, json};
+
+use super::args::{BudgetArgs, DensityArgs, MethodArgs, ToneArgs, ViewArgs, VolumeArgs};
+
+/// Everything that a command needs to make images.
+pub struct Setup {
+    pub scenery: Scenery,
+    pub request: Request,
+    pub tone: Tone,
+    pub format: FileFormat,
+    pub notes: Vec<String>,
+    /// Name of the input as given.
+    pub input: String,
+    pub load_seconds: f64,
+    /// The view in words.
+    pub view: String,
+}
+
+/// The scene file that was asked for, or an empty one.
+pub fn scene_file(args: &MethodArgs) -> anyhow::Result<SceneFile> {
+    Ok(args.scene.as_deref().map(SceneFile::read).transpose()?.unwrap_or_default())
+}
+
+/// Loads the volume and joins arguments, scene and defaults, in this order of precedence.
+pub fn setup(
+    volume: &VolumeArgs,
+    density: &DensityArgs,
+    view: &ViewArgs,
+    method: &MethodArgs,
+    budget: &BudgetArgs,
+    tone: &ToneArgs,
+) -> anyhow::Result<Setup> {
+    let scene = scene_file(method)?;
+    let (input, options) = volume_options(volume, &scene);
+    let Some(input) = input else {
+        bail!("no volume: give a file or phantom:NAME (see `mcvr info --phantoms`), or a --scene with volume.input")
+    };
+    let start = Instant::now();
+    let loaded = mcvr::volume::load(&input, Some(&options)).map_err(|e| hinted(e, &input))?;
+    let load_seconds = start.elapsed().as_secs_f64();
+
+    let base = scene.density.clone().unwrap_or_default();
+    let map = DensityMap {
+        transfer: density.map.clone().unwrap_or(base.transfer),
+        emphasis: density.emphasis().or(base.emphasis),
+        negative: density.negative.unwrap_or(base.negative),
+    };
+    let (camera, view) = camera(view, &scene, loaded.volume.grid())?;
+    let defaults = Request::default();
+    let (image, sampling) = (&scene.image, &scene.sampling);
+    let request = Request {
+        method: budget.method.or(sampling.method).unwrap_or_default(),
+        samples: budget.samples.or(sampling.samples).unwrap_or(1 << 22),
+        seed: method.seed.or(sampling.seed).unwrap_or(defaults.seed),
+        kernel: method.kernel.or(image.kernel).unwrap_or_default(),
+        estimand: method.estimand.or(image.estimand).unwrap_or_default(),
+        order: method.order.or(sampling.order).unwrap_or_default(),
+        scramble: method.scramble.or(sampling.scramble).unwrap_or_default(),
+        step: method.step.or(sampling.step).unwrap_or(defaults.step),
+        tolerance: method.tolerance.or(sampling.tolerance).unwrap_or(defaults.tolerance),
+    };
+    let base = scene.tone.unwrap_or_default();
+    let tone = Tone {
+        curve: tone.tone.unwrap_or(base.curve),
+        invert: tone.invert || base.invert,
+        window: tone.window.unwrap_or(base.window),
+    };
+    let scenery = Scenery::new(loaded.volume, map, camera);
+    Ok(Setup { scenery, request, tone, format: loaded.format, notes: loaded.notes, input, load_seconds, view })
+}
+
+/// Input and raw geometry from flags and scene.
+pub fn volume_options(args: &VolumeArgs, scene: &SceneFile) -> (Option<String>, RawOptions) {
+    let file = &scene.volume;
+    let options = RawOptions {
+        dims: args.dims.or(file.dims),
+        voxel_type: args.voxel_type.or(file.voxel_type),
+        endian: args.endian.or(file.endian),
+        spacing: args.spacing.or(file.spacing),
+        skip: args.skip.or(file.skip).unwrap_or(0),
+    };
+    (args.input.clone().or_else(|| file.input.clone()), options)
+}
+
+/// An error about a missing file, with the hint that phantoms exist.
+fn hinted(error: mcvr::volume::VolumeError, input: &str) -> anyhow::Error {
+    let name = input.split('@').next().unwrap_or(input);
+    let phantom = mcvr::volume::Phantom::names().any(|(n, _)| n == name) && !Path::new(input).exists();
+    let error = anyhow::Error::new(error);
+    if phantom { error.context(format!("did you mean phantom:{input}?")) } else { error }
+}
+
+fn camera(args: &ViewArgs, scene: &SceneFile, grid: &mcvr::volume::Grid) -> anyhow::Result<(Camera, String)> {
+    let file = &scene.camera;
+    let extent = match (args.size, scene.image.size) {
+        (Some(size), _) => size,
+        (None, Some([w, h])) => Extent::new(w, h)?,
+        (None, None) => Extent::new(400, 400)?,
+    };
+    let near = args.near.or(file.near);
+    let angles_given = args.view.is_some() || args.distance.is_some() || args.fov.is_some() || args.parallel;
+    let matrix = match &args.matrix {
+        Some(path) => Some(read_matrix(path)?),
+        None if angles_given => None,
+        None => file.matrix,
+    };
+    if let Some(matrix) = matrix {
+        let source = args.matrix.as_ref().map_or("scene".into(), |p| p.display().to_string());
+        return Ok((Camera::from_matrix(matrix, extent, grid, near)?, format!("matrix from {source}")));
+    }
+    let defaults = View::default();
+    let [azimuth, elevation] = args.view.or(file.view).unwrap_or([defaults.azimuth, defaults.elevation]);
+    let view = View {
+        azimuth,
+        elevation,
+        distance: args.distance.or(file.distance),
+        fov: args.fov.or(file.fov),
+        parallel: args.parallel || file.parallel.unwrap_or(false),
+        near,
+    };
+    let distance = view.distance.map_or("two diameters".into(), |d| format!("{d} mm"));
+    let kind = if view.parallel { "parallel" } else { "pinhole" };
+    let fov = view.fov.map_or(String::new(), |f| format!(", field of view {f}°"));
+    Ok((
+        Camera::look(&view, grid, extent)?,
+        format!("{kind}, azimuth {azimuth}°, elevation {elevation}°, {distance} away{fov}"),
+    ))
+}
+
+/// Twelve numbers, separated by white space or commas; `#` starts a comment.
+fn read_matrix(path: &Path) -> anyhow::Result<[[f64; 4]; 3]> {
+    let text = std::fs::read_to_string(path).with_context(|| format!("{}", path.display()))?;
+    let mut numbers = vec![];
+    for (i, line) in text.lines().enumerate() {
+        let line = line.split('#').next().unwrap_or("");
+        for word in line.split([' ', '\t', ',', ';']).filter(|w| !w.is_empty()) {
+            let value: f64 = word
+                .parse()
+                .map_err(|_| anyhow::anyhow!("{}, line {}: '{word}' is not a number", path.display(), i + 1))?;
+            numbers.push(value);
+        }
+    }
+    let Ok(flat) = <[f64; 12]>::try_from(numbers.as_slice()) else {
+        bail!("{}: {} numbers, but a 3x4 matrix has 12", path.display(), numbers.len());
+    };
+    Ok(std::array::from_fn(|r| std::array::from_fn(|c| flat[r * 4 + c])))
+}
+
+impl Setup {
+    /// The geometry as the JSON record has it.
+    pub fn geometry(&self) -> Value {
+        let (volume, camera) = (&self.scenery.volume, &self.scenery.camera);
+        let grid = volume.grid();
+        let direction = grid.direction().transpose().to_cols_array_2d();
+        json!({
+            "volume": {
+                "input": self.input,
+                "format": self.format.to_string(),
+                "dims": grid.dims(),
+                "type": volume.voxel_type().name(),
+                "slope": volume.slope(),
+                "intercept": volume.intercept(),
+                "origin": grid.origin().to_array(),
+                "spacing": grid.spacing().to_array(),
+                "direction": direction,
+                "notes": self.notes,
+            },
+            "camera": {
+                "world_to_pixel": camera.world_to_pixel(),
+                "width": camera.extent().width,
+                "height": camera.extent().height,
+                "parallel": camera.is_parallel(),
+                "near": if camera.is_parallel() { Value::Null } else { json!(camera.near()) },
+                "view": self.view,
+            },
+        })
+    }
+}

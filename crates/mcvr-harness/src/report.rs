@@ -39,8 +39,12 @@ pub(crate) fn title(run: &RunSummary) -> String {
 /// gains, and how the errors fall.
 pub fn key_lines(run: &RunSummary) -> [String; 3] {
     let (first, gain) = answer(run);
-    let slopes: Vec<String> =
-        run.methods.iter().filter_map(|m| m.fit.map(|f| format!("{} {}", m.label, interval(&f)))).collect();
+    let slopes: Vec<String> = run
+        .methods
+        .iter()
+        .filter(|m| m.expected_slope.is_some())
+        .filter_map(|m| m.fit.map(|f| format!("{} {}", m.label, interval(&f))))
+        .collect();
     let slopes = if slopes.is_empty() {
         "Slopes: too few sample counts above the truth's own error.".to_owned()
     } else {
@@ -81,7 +85,8 @@ pub(crate) fn blocks(run: &RunSummary) -> Vec<Block> {
     blocks.push(Block::Text(
         "Medians of single images over the replicates, fastest to slowest in brackets. “Rendering” is the projection of \
          the samples onto the film; “complete” is the whole image from the volume in memory. The last column is the time \
-         per sample. The line of the 2003-era report is as printed there: another machine and another volume."
+         per sample. The line of the report is A. Law and E. Blythe's, *Monte Carlo \
+         Volume Rendering*, as printed there: another machine, its lobster and view."
             .into(),
     ));
     blocks.push(time_table(run));
@@ -123,16 +128,30 @@ fn answer(run: &RunSummary) -> (String, String) {
         percent(first.error),
         seconds(first.complete.median)
     );
-    let gains = rows.iter().filter(|r| r.method != first.method).filter_map(|r| Some((*r, r.efficiency?)));
+    let same_unit = |r: &Row| method(r).map(|m| &m.budget_unit) == method(first).map(|m| &m.budget_unit);
+    let gains =
+        rows.iter().filter(|r| r.method != first.method && same_unit(r)).filter_map(|r| Some((*r, r.efficiency?)));
     let best = gains.max_by(|a, b| a.1.value.total_cmp(&b.1.value));
     let gain = match best {
         None => "No other method was measured there.".to_owned(),
         Some((row, gain)) => format!(
-            "{} there: {} in {}, {} times the efficiency (1 / (error² · time)).",
+            "{}: {} in {}, {} times the efficiency (1 / (error² · time)).",
             label(row),
             percent(row.error),
             seconds(row.complete.median),
             ratio(Some(gain))
+        ),
+    };
+    // Methods with another budget share no M with the first: the quickest image of theirs stands for them.
+    let other =
+        run.rows.iter().filter(|r| !same_unit(r)).min_by(|a, b| a.complete.median.total_cmp(&b.complete.median));
+    let gain = match other {
+        None => gain,
+        Some(row) => format!(
+            "{gain} {}: {} in {} at its quickest.",
+            label(row),
+            percent(row.error),
+            seconds(row.complete.median)
         ),
     };
     (opening, gain)
@@ -224,7 +243,7 @@ fn slope_table(run: &RunSummary) -> Block {
         ]
     };
     Block::Table {
-        head: strings(&["Method", "Expected", "Measured", "From M to M", "Points", "Upper half"]),
+        head: strings(&["Method", "Theory, large M", "Measured", "From M to M", "Points", "Upper half"]),
         names: 1,
         rows: run.methods.iter().map(row).collect(),
     }
@@ -235,8 +254,15 @@ fn time_table(run: &RunSummary) -> Block {
     let report = |rows: &mut Vec<Vec<String>>| {
         let (m, time) = REPORT_COMPLETE;
         let ns = significant(time * 1e9 / m as f64, 3);
-        let row =
-            [samples(m), "2003-era report".into(), dash(), dash(), dash(), format!("{time} s"), format!("{ns} ns")];
+        let row = [
+            samples(m),
+            "the report (Law, Blythe)".into(),
+            dash(),
+            dash(),
+            dash(),
+            format!("{time} s"),
+            format!("{ns} ns"),
+        ];
         rows.push(row.to_vec());
     };
     let mut pending = true;

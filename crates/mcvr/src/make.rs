@@ -36,7 +36,8 @@ impl Scenery {
 pub struct Request {
     /// By which method.
     pub method: Method,
-    /// Samples `M`; for [`Method::March`] rays in all (at least one a pixel are cast).
+    /// Samples `M`; for [`Method::March`] rays in all: the largest square number a pixel that they pay for is
+    /// cast, at least one.
     pub samples: u64,
     /// Key of all randomness.
     pub seed: u64,
@@ -210,7 +211,9 @@ fn cast(
     })
 }
 
-/// Rays a pixel for a budget of rays: at least one, at most what `u32` holds.
+/// Rays a pixel for a budget of rays: the largest square that it pays for, at least one. Squares are cast as
+/// regular grids of sub-pixels, which beat the same number of jittered rays.
 fn rays_per_pixel(rays: u64, camera: &Camera) -> u32 {
-    (rays / camera.extent().pixels() as u64).clamp(1, u64::from(u32::MAX)) as u32
+    let side = (rays / camera.extent().pixels() as u64).isqrt().clamp(1, 1024);
+    (side * side) as u32
 }

@@ -45,11 +45,13 @@ impl mcvr_harness::Method for Measured<'_> {
         if self.request.method == Method::March { "rays" } else { "samples" }
     }
 
-    /// A march needs a ray for every pixel, in a square pattern; the linear search stops where it takes minutes.
+    /// A march casts a square number of rays a pixel and takes part only where doubling the budget has bought
+    /// more of them; the linear search stops where it takes minutes.
     fn accepts(&self, samples: u64) -> bool {
         let pixels = self.scenery.camera.extent().pixels() as u64;
+        let side = |rays: u64| (rays / pixels).isqrt();
         match self.request.method {
-            Method::March => samples >= pixels,
+            Method::March => side(samples) > side(samples / 2),
             Method::McLinear => samples <= 1 << 10,
             _ => true,
         }

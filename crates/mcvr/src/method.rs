@@ -69,11 +69,13 @@ impl Method {
         }
     }
 
-    /// Slope of the error against the budget that theory expects (METHOD section 4).
+    /// Slope of the error against the budget that theory expects (METHOD section 4). Stratifying the voxels alone
+    /// falls back to -1/2 once M exceeds the number of non-zero voxels; a net reaches -2/3 once its strata are
+    /// smaller than a pixel, `M ≫ P^1.5`.
     pub fn expected_slope(self) -> Option<f64> {
         match self {
-            Method::Mc | Method::McQuicksort | Method::McBinary | Method::McLinear => Some(-0.5),
-            Method::Stratified | Method::Qmc => Some(-2.0 / 3.0),
+            Method::Mc | Method::McQuicksort | Method::McBinary | Method::McLinear | Method::Stratified => Some(-0.5),
+            Method::Qmc => Some(-2.0 / 3.0),
             Method::March | Method::Exact => None,
         }
     }

@@ -155,7 +155,8 @@ fn cells(truth: &Truth, samples: f64) -> Vec<(String, Vec<usize>)> {
     if let Some((_, last)) = cells.last_mut() {
         last.append(&mut open);
     }
-    let rows = (0..extent.height).map(|y| (format!("row {y}"), (0..extent.width).map(|x| x + y * extent.width).collect()));
+    let rows =
+        (0..extent.height).map(|y| (format!("row {y}"), (0..extent.width).map(|x| x + y * extent.width).collect()));
     let columns =
         (0..extent.width).map(|x| (format!("column {x}"), (0..extent.height).map(|y| x + y * extent.width).collect()));
     cells.extend(rows.chain(columns).filter(|(_, pixels): &(String, Vec<usize>)| enough(pixels)));

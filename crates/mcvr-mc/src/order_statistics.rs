@@ -5,7 +5,7 @@
 //! variate independent of how it is divided within the block, so blocks are drawn first, one Gamma each, and a
 //! block's inside can be drawn at any time on any thread.
 
-use mcvr_sampling::rng::{Purpose, exponentials, fill_u32, keyed};
+use mcvr_sampling::rng::{Purpose, exponentials, fill_u32, keyed, spread};
 use mcvr_sampling::{PointBlock, PointStream, block_count, block_len};
 use rand::RngExt;
 use rand_distr::{Exp1, Gamma};
@@ -51,7 +51,7 @@ impl PointStream for OrderStatistics {
         let [words, ..] = &mut out.uniforms;
         fill_u32(self.seed, Purpose::Targets, block, words);
         exponentials(words, &mut out.targets);
-        // 4096 spacings below 2^5, with 40 fraction bits, sum below 2^57.
+        // A block of spacings below 2^5, with 32 fraction bits, sums below 2^48.
         let mut sum = 0u64;
         for t in &mut out.targets {
             sum += *t;
@@ -60,11 +60,9 @@ impl PointStream for OrderStatistics {
         let low = if block == 0 { 0.0 } else { self.ends[block as usize - 1] };
         let high = self.ends[block as usize];
         let total = total as f64;
-        let (offset, scale) = (low * total, (high - low) * total / sum as f64);
-        let largest = total as u64 - 1;
-        for t in &mut out.targets {
-            *t = ((offset + *t as f64 * scale) as u64).min(largest);
-        }
+        let (offset, scale) = (low * total, (high - low) * total / sum.max(1) as f64);
+        // The next float below is at most the exact total less one, whichever way the total was rounded.
+        spread(&mut out.targets, offset, scale, total.next_down().floor());
         crate::unsorted::fill_offsets(self.seed, block, out);
     }
 }

@@ -64,7 +64,7 @@ pub fn fill_u32(seed: u64, purpose: Purpose, block: u64, out: &mut [u32]) {
 }
 
 /// Fraction bits of the fixed-point numbers that [`exponentials`] gives.
-pub const EXPONENTIAL_BITS: u32 = 40;
+pub const EXPONENTIAL_BITS: u32 = 32;
 
 crate::simd::vectorised! {
     fn xor_at(base: u32, table: &[u32], out: &mut [u32]) = xor_body
@@ -79,6 +79,32 @@ pub fn xor(base: u32, table: &[u32], out: &mut [u32]) {
 fn xor_body(base: u32, table: &[u32], out: &mut [u32]) {
     for (o, t) in out.iter_mut().zip(table) {
         *o = base ^ t;
+    }
+}
+
+crate::simd::vectorised! {
+    fn spread_at(positions: &mut [u64], offset: f64, scale: f64, largest: f64) = spread_body
+}
+
+/// `positions[i] = floor(min(offset + positions[i] * scale, largest))` for positions below 2^52 and results in
+/// 0..2^63.
+///
+/// # Panics
+/// When the results could leave 0..2^63.
+pub fn spread(positions: &mut [u64], offset: f64, scale: f64, largest: f64) {
+    assert!(offset >= 0.0 && scale >= 0.0 && (0.0..9.2e18).contains(&largest), "{offset} {scale} {largest}");
+    spread_at(crate::SimdLevel::detect(), positions, offset, scale, largest);
+}
+
+#[inline(always)]
+fn spread_body(positions: &mut [u64], offset: f64, scale: f64, largest: f64) {
+    const MAGIC: f64 = (1u64 << 52) as f64;
+    for p in positions {
+        let x = f64::from_bits(*p | MAGIC.to_bits()) - MAGIC;
+        let y = offset + x * scale;
+        let z = if y < largest { y } else { largest };
+        // SAFETY: 0 ≤ z ≤ largest < 2^63 (a NaN has become `largest`).
+        *p = unsafe { z.to_int_unchecked::<i64>() as u64 };
     }
 }
 

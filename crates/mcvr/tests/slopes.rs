@@ -1,0 +1,204 @@
+//! Errors fall as fast as theory says, and go on falling (METHOD section 4).
+//!
+//! A biased or stuck sampler can pass a test at one number of samples; the slope over many finds it out. All errors
+//! are against the exact image of a lobster phantom, whose own error is at most a tenth of the least error measured.
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
+
+mod common;
+
+use common::{density, exact, scene_of, stream};
+use mcvr::raycast::Reference;
+use mcvr::sampling::{Distribution, PointBlock, PointStream, RenderOptions, VoxelOrder, render};
+use mcvr::scene::{Camera, DensityMap, Estimand, Extent, Kernel, View, Watch};
+use mcvr::{Method, Scenery};
+use statrs::distribution::{ContinuousCDF, StudentsT};
+
+/// Replicates of each error.
+const REPLICATES: u64 = 64;
+/// Probability of a false alarm of each claim: `claim` tests are one-sided at this level.
+const LEVEL: f64 = 1e-4;
+
+type Streams<'a> = &'a dyn Fn(u64, u64) -> Box<dyn PointStream>;
+
+/// A phantom of many more voxels than pixels, and its exact `count` image.
+fn scene() -> (Scenery, Reference) {
+    let loaded = mcvr::volume::load("phantom:lobster@32", None).unwrap();
+    let mut scenery = scene_of(loaded.volume, DensityMap::default(), &View::default());
+    let view = View { fov: Some(24.0), ..View::default() };
+    scenery.camera = Camera::look(&view, scenery.volume.grid(), Extent::new(16, 16).unwrap()).unwrap();
+    let reference = exact(&scenery, Kernel::Tent, Estimand::Count, 3e-5, 8);
+    (scenery, reference)
+}
+
+/// Mean square error over the pixels by level and replicate: `errors[level][replicate]`, `M = 2^level`.
+fn square_errors(
+    scenery: &Scenery,
+    truth: &Reference,
+    levels: std::ops::RangeInclusive<u32>,
+    streams: Streams,
+) -> Vec<Vec<f64>> {
+    let density = density(scenery);
+    let order = VoxelOrder::default().resolve(&scenery.camera, scenery.volume.grid());
+    let distribution = Distribution::new(&density, order).unwrap();
+    let options = RenderOptions { estimand: Estimand::Count, kernel: Kernel::Tent, ..RenderOptions::default() };
+    let errors: Vec<Vec<f64>> = levels
+        .map(|level| {
+            let one = |r: u64| {
+                let stream = streams(1 << level, 1000 * u64::from(level) + r);
+                let made = render(&distribution, &*stream, &scenery.camera, &options, &Watch::default()).unwrap();
+                let difference = made.image.difference(&truth.image).unwrap();
+                difference.values().iter().map(|d| d * d).sum::<f64>() / difference.values().len() as f64
+            };
+            (0..REPLICATES).map(one).collect()
+        })
+        .collect();
+    let least = errors.iter().flatten().fold(f64::INFINITY, |a, &b| a.min(b)).sqrt() / truth.image.mean();
+    let own = truth.error.rel_rmse_estimate;
+    assert!(least >= 10.0 * own, "errors of {least:e} cannot be told from the reference's {own:e}");
+    errors
+}
+
+/// Least-squares slope of `y` over consecutive levels, and the slope's weights on the values.
+fn slope(y: &[f64]) -> f64 {
+    let n = y.len() as f64;
+    let (middle, spread) = ((n - 1.0) / 2.0, n * (n * n - 1.0) / 12.0);
+    y.iter().enumerate().map(|(i, y)| (i as f64 - middle) * y).sum::<f64>() / spread
+}
+
+/// Mean and standard error.
+fn mean(values: &[f64]) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    (mean, (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0) / n).sqrt())
+}
+
+/// log2 of each replicate's RMSE by level, as one row per replicate.
+fn log_errors(errors: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    (0..REPLICATES as usize).map(|r| errors.iter().map(|level| 0.5 * level[r].log2()).collect()).collect()
+}
+
+/// Why errors do not fall for ever as a low-discrepancy method's should, if so.
+///
+/// Replicates are independent, so are their slopes and the logarithms of the ratio of their errors at successive
+/// levels. A one-sided Student's t test on the R replicates must show (1) a slope over all levels below -1/2, (2) at
+/// each doubling, an error that falls. Both at [`LEVEL`]; (2) with Bonferroni's correction for the doublings.
+fn plateau(name: &str, errors: &[Vec<f64>]) -> Option<String> {
+    let logs = log_errors(errors);
+    let critical = |level: f64| StudentsT::new(0.0, 1.0, REPLICATES as f64 - 1.0).unwrap().inverse_cdf(1.0 - level);
+    let (b, se) = mean(&logs.iter().map(|row| slope(row)).collect::<Vec<_>>());
+    println!("{name}: slope {b:.4} ± {se:.4}");
+    let doublings = errors.len() - 1;
+    for d in 0..doublings {
+        let (fall, se) = mean(&logs.iter().map(|row| row[d + 1] - row[d]).collect::<Vec<_>>());
+        println!("  doubling {d}: log2 of the ratio {fall:.3} ± {se:.3}");
+        if fall + critical(LEVEL / doublings as f64) * se >= 0.0 {
+            return Some(format!("{name}: no fall at doubling {d}: log2 of the ratio {fall:.3} ± {se:.3}"));
+        }
+    }
+    (b + critical(LEVEL) * se >= -0.5).then(|| format!("{name}: slope {b:.4} ± {se:.4} is not below -1/2"))
+}
+
+/// Independent samples: the mean square error is `Σ p (1 - p) / (M P)`. Its relative variance over one image is
+/// `(2 + 1/λ) / P_eff`: the excess of a Poisson count of mean λ, and `P_eff = (Σ p)² / Σ p²` pixels that
+/// matter. A replicate's log2 RMSE then has the standard deviation `√((2 + 1/λ) / P_eff) / (2 ln 2)` at most
+/// (λ taken at the least M and the mean pixel), a mean of R of them 1/√R of that, and the slope over n
+/// levels that divided by `√(n (n² - 1) / 12)`. Five such deviations are allowed; they must be below 0.03.
+#[test]
+fn independent_samples_err_as_the_inverse_root_of_their_number() {
+    let (scenery, truth) = scene();
+    let (low, high) = (10u32, 18u32);
+    let p = truth.image.values();
+    let effective = truth.image.sum().powi(2) / p.iter().map(|p| p * p).sum::<f64>();
+    let lambda = truth.image.mean() * f64::from(1 << low);
+    let levels = f64::from(high - low + 1);
+    let deviation = ((2.0 + 1.0 / lambda) / effective).sqrt()
+        / (2.0 * std::f64::consts::LN_2)
+        / (REPLICATES as f64).sqrt()
+        / (levels * (levels * levels - 1.0) / 12.0).sqrt();
+    let bound = 5.0 * deviation;
+    assert!(bound < 0.03, "{bound}");
+    for method in [Method::Mc, Method::McQuicksort, Method::McBinary] {
+        let total = density(&scenery).report().weight_sum as u64;
+        let streams = |samples, seed| stream(method, samples, seed, total);
+        let logs = log_errors(&square_errors(&scenery, &truth, low..=high, &streams));
+        let (b, _) = mean(&logs.iter().map(|row| slope(row)).collect::<Vec<_>>());
+        println!("{method}: slope {b:.4}, expected -0.5 ± {bound:.4}");
+        assert!((b + 0.5).abs() < bound, "{method}: slope {b:.4} is not -0.5 ± {bound:.4}");
+    }
+}
+
+#[test]
+fn stratified_samples_err_less_with_every_doubling_and_faster_than_independent_ones() {
+    let (scenery, truth) = scene();
+    let errors = square_errors(&scenery, &truth, 14..=20, &|m, seed| stream(Method::Stratified, m, seed, 0));
+    assert_eq!(plateau("stratified", &errors), None);
+}
+
+#[test]
+fn the_net_errs_less_with_every_doubling_across_65536_and_faster_than_independent_samples() {
+    let (scenery, truth) = scene();
+    let errors = square_errors(&scenery, &truth, 14..=20, &|m, seed| stream(Method::Qmc, m, seed, 0));
+    assert_eq!(plateau("qmc", &errors), None);
+}
+
+/// A sampler stuck on its first points: point k is point k mod 2^12 of a net of 2^12, as of a Sobol sequence that
+/// runs out of direction numbers.
+struct Stuck(Box<dyn PointStream>, u64);
+
+impl PointStream for Stuck {
+    fn samples(&self) -> u64 {
+        self.1
+    }
+    fn fill(&self, block: u64, total: u64, out: &mut PointBlock) {
+        self.0.fill(block % mcvr::sampling::block_count(self.0.samples()), total, out);
+    }
+}
+
+#[test]
+fn a_sampler_stuck_on_its_first_points_is_found_out() {
+    let (scenery, truth) = scene();
+    let stuck = |m: u64, seed| -> Box<dyn PointStream> { Box::new(Stuck(stream(Method::Qmc, 1 << 12, seed, 0), m)) };
+    let found = plateau("stuck", &square_errors(&scenery, &truth, 12..=16, &stuck));
+    println!("{found:?}");
+    assert!(found.is_some());
+}
+
+/// Pearson's statistic over K cells (every pixel that expects at least one sample, and the rest as one) of a
+/// multinomial sample of size M has mean `K - 1` and variance `2 (K - 1) + (Σ 1/p - K² - 2K + 2) / M` exactly. Its
+/// mean over R replicates is allowed five standard deviations.
+#[test]
+fn independent_samples_err_as_much_as_the_multinomial_law_says() {
+    let (scenery, truth) = scene();
+    for (method, level) in [(Method::Mc, 12u32), (Method::Mc, 17), (Method::McQuicksort, 14), (Method::McBinary, 14)] {
+        let samples = 1u64 << level;
+        let m = samples as f64;
+        let cells: Vec<usize> =
+            (0..truth.image.values().len()).filter(|&p| truth.image.values()[p] * m >= 1.0).collect();
+        let mut share: Vec<f64> = cells.iter().map(|&p| truth.image.values()[p]).collect();
+        let rest = 1.0 - share.iter().sum::<f64>();
+        share.push(rest);
+        assert!(rest * m >= 1.0, "the rest expects {} samples", rest * m);
+        let k = share.len() as f64;
+        let variance = 2.0 * (k - 1.0) + (share.iter().map(|p| 1.0 / p).sum::<f64>() - k * k - 2.0 * k + 2.0) / m;
+        let total = density(&scenery).report().weight_sum as u64;
+        let statistics: Vec<f64> = (0..REPLICATES)
+            .map(|seed| {
+                let request = mcvr::Request {
+                    method,
+                    samples,
+                    seed: seed + total,
+                    estimand: Estimand::Count,
+                    ..mcvr::Request::default()
+                };
+                let image = common::made(&scenery, &request).image;
+                let mut counts: Vec<f64> = cells.iter().map(|&p| image.values()[p]).collect();
+                counts.push(1.0 - counts.iter().sum::<f64>());
+                counts.iter().zip(&share).map(|(x, p)| m * (x - p).powi(2) / p).sum()
+            })
+            .collect();
+        let (ratio, bound) =
+            (mean(&statistics).0 / (k - 1.0), 5.0 * (variance / statistics.len() as f64).sqrt() / (k - 1.0));
+        println!("{method} at 2^{level}: variance over prediction {ratio:.4}, expected 1 ± {bound:.4}");
+        assert!((ratio - 1.0).abs() < bound, "{method} at 2^{level}: {ratio:.4} is not 1 ± {bound:.4}");
+    }
+}

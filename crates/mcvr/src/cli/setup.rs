@@ -96,8 +96,7 @@ pub fn volume_options(args: &VolumeArgs, scene: &SceneFile) -> (Option<String>, 
 fn hinted(error: mcvr::volume::VolumeError, input: &str) -> anyhow::Error {
     let name = input.split('@').next().unwrap_or(input);
     let phantom = mcvr::volume::Phantom::names().any(|(n, _)| n == name) && !Path::new(input).exists();
-    let error = anyhow::Error::new(error);
-    if phantom { error.context(format!("did you mean phantom:{input}?")) } else { error }
+    if phantom { anyhow::anyhow!("{error}; did you mean phantom:{input}?") } else { anyhow::Error::new(error) }
 }
 
 fn camera(args: &ViewArgs, scene: &SceneFile, grid: &mcvr::volume::Grid) -> anyhow::Result<(Camera, String)> {

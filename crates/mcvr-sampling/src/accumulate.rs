@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::project::Weights;
+use crate::real::Weights;
 
 /// Bytes that private copies may take together before workers share one.
 const PRIVATE_BYTES: usize = 48 << 20;

@@ -12,7 +12,8 @@ use serde::Serialize;
 use crate::accumulate::Totals;
 use crate::locate::{BrickSums, find_all};
 use crate::order::{Layout, with_layout};
-use crate::project::{Projection, Weights};
+use crate::project::Projection;
+use crate::real::Weights;
 use crate::stream::check_samples;
 use crate::units::{Units, Word, with_units};
 use crate::{

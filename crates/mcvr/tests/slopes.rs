@@ -15,7 +15,7 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Replicates of each error.
 const REPLICATES: u64 = 64;
-/// Probability of a false alarm of each claim: `claim` tests are one-sided at this level.
+/// Probability of a false alarm of each one-sided Student's t test.
 const LEVEL: f64 = 1e-4;
 
 type Streams<'a> = &'a dyn Fn(u64, u64) -> Box<dyn PointStream>;
@@ -62,7 +62,7 @@ fn square_errors(
     errors
 }
 
-/// Least-squares slope of `y` over consecutive levels, and the slope's weights on the values.
+/// Least-squares slope of `y` over consecutive levels.
 fn slope(y: &[f64]) -> f64 {
     let n = y.len() as f64;
     let (middle, spread) = ((n - 1.0) / 2.0, n * (n * n - 1.0) / 12.0);

@@ -46,12 +46,13 @@ impl mcvr_harness::Method for Measured<'_> {
     }
 
     /// A march casts a square number of rays a pixel and takes part only where doubling the budget has bought
-    /// more of them; the linear search stops where it takes minutes.
+    /// more of them, up to 25: there its step's bias has long been reached. The linear search stops where it
+    /// takes minutes.
     fn accepts(&self, samples: u64) -> bool {
         let pixels = self.scenery.camera.extent().pixels() as u64;
         let side = |rays: u64| (rays / pixels).isqrt();
         match self.request.method {
-            Method::March => side(samples) > side(samples / 2),
+            Method::March => (1..=5).contains(&side(samples)) && side(samples) > side(samples / 2),
             Method::McLinear => samples <= 1 << 10,
             _ => true,
         }

@@ -81,7 +81,8 @@ pub(crate) fn samples(value: u64) -> String {
 
 /// A figure and its standard error, both to the error's decimals: `39.04 ± 0.07`.
 pub(crate) fn with_error(value: f64, error: f64) -> String {
-    if !(error > 0.0 && error.is_finite()) {
+    // A spread of the size of rounding belongs to a figure that does not vary.
+    if !(error > 1e-9 * value.abs() && error.is_finite()) {
         return significant(value, 3);
     }
     // One digit of the error, two where it begins with 1.

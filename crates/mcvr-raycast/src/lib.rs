@@ -1,6 +1,6 @@
 //! The ground truth: X-ray images by casting rays through the density field.
 //!
-//! [`reference`] integrates the field exactly along every ray (METHOD section 7: `ρ` is a polynomial in each
+//! [`reference()`] integrates the field exactly along every ray (METHOD section 7: `ρ` is a polynomial in each
 //! cell) and adaptively over every pixel's area, and says how large its error may be. [`march`] is the plain ray
 //! march with a fixed step that people use every day, to be measured against it. Both integrate the same field
 //! `ρ` that the Monte Carlo samplers draw from (METHOD section 1), so every difference between the images is

@@ -56,11 +56,11 @@ const LANES: usize = 16;
 pub fn fill_u32(seed: u64, purpose: Purpose, block: u64, out: &mut [u32]) {
     let mut source = keyed(seed, purpose, block);
     let mut state = [[0u32; LANES]; 4];
-    for lane in 0..LANES {
+    let [s0, s1, s2, s3] = &mut state;
+    for (((a, b), c), d) in s0.iter_mut().zip(s1).zip(s2).zip(s3) {
         let (low, high) = (source.next_u64(), source.next_u64());
         // A state of all zeros would stay there: the odd word rules it out.
-        let words = [low as u32 | 1, (low >> 32) as u32, high as u32, (high >> 32) as u32];
-        words.into_iter().enumerate().for_each(|(w, word)| state[w][lane] = word);
+        [*a, *b, *c, *d] = [low as u32 | 1, (low >> 32) as u32, high as u32, (high >> 32) as u32];
     }
     words_at(crate::SimdLevel::detect(), &mut state, out);
 }

@@ -7,7 +7,7 @@ use mcvr_scene::Watch;
 
 use crate::{Method, Request, Scenery, make};
 
-/// A method applied to a scenery, for [`mcvr_harness::converge`].
+/// A method applied to a scenery, for [`mcvr_harness::converge()`].
 #[derive(Clone, Copy, Debug)]
 pub struct Measured<'a> {
     scenery: &'a Scenery,

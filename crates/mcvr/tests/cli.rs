@@ -6,7 +6,7 @@ use std::process::{Command, Output};
 use mcvr::scene::film;
 
 fn mcvr(folder: &Path, args: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_mcvr")).current_dir(folder).args(args).output().unwrap()
+    Command::new(env!("CARGO_BIN_EXE_mcvr")).current_dir(folder).args(args).output().expect("the program starts")
 }
 
 fn ok(folder: &Path, args: &[&str]) -> Output {
@@ -16,7 +16,7 @@ fn ok(folder: &Path, args: &[&str]) -> Output {
 }
 
 fn json(bytes: &[u8]) -> serde_json::Value {
-    serde_json::from_slice(bytes).unwrap()
+    serde_json::from_slice(bytes).expect("valid JSON")
 }
 
 #[test]

@@ -88,7 +88,7 @@ pub fn write(image: &Image, path: &Path, format: ImageFormat, tone: &Tone) -> Re
 /// Writes colours as an 8-bit PNG.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn write_rgb8(extent: Extent, pixels: &[[u8; 3]], path: &Path) -> Result<(), SceneError> {
     let buffer =
         ImageBuffer::<Rgb<u8>, _>::from_raw(extent.width as u32, extent.height as u32, pixels.as_flattened().to_vec());

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context, bail};
-use mcvr::scene::Watch;
 use mcvr::scene::film::{self, ImageFormat};
+use mcvr::scene::{Transfer, Watch};
 use mcvr::{Made, Method, make};
 use serde_json::{Value, json};
 
@@ -98,9 +98,13 @@ fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
     }
     if made.mass.negative > 0 {
         let share = 100.0 * made.mass.dropped / made.mass.weight_sum;
+        let hint = match setup.scenery.map.transfer {
+            Transfer::Identity => " For Hounsfield units use --map hounsfield.",
+            _ => "",
+        };
         eprintln!(
             "mcvr: warning: {} voxels ({:.2} %) had a negative weight and count as 0; their sum of {:.6e} is {share:.1} % of \
-             what remains. For Hounsfield units use --map hounsfield.",
+             what remains.{hint}",
             made.mass.negative,
             100.0 * made.mass.negative as f64 / made.mass.voxels as f64,
             made.mass.dropped

@@ -5,20 +5,15 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use mcvr_scene::{Camera, Estimand, Image, Kernel, Watch};
-use mcvr_volume::{Voxel, with_voxels};
 use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::accumulate::Totals;
-use crate::locate::{BrickSums, find_all};
-use crate::order::{Layout, with_layout};
-use crate::project::Projection;
+use crate::find::locator;
+use crate::project::{Lost, Projection};
 use crate::real::Weights;
 use crate::stream::check_samples;
-use crate::units::{Units, Word, with_units};
-use crate::{
-    Distribution, PointBlock, PointStream, Precision, SamplingError, Search, SimdLevel, block_count, block_len,
-};
+use crate::{Distribution, PointBlock, PointStream, Precision, SamplingError, SimdLevel, block_count, block_len};
 
 /// Blocks that a worker takes at a time.
 const TAKE: u64 = 4;
@@ -56,7 +51,7 @@ pub struct Counters {
 }
 
 impl Counters {
-    fn add(&mut self, o: &Counters) {
+    pub(crate) fn add(&mut self, o: &Counters) {
         self.samples += o.samples;
         self.inside += o.inside;
         self.outside += o.outside;
@@ -111,211 +106,103 @@ pub fn render(
     check_samples(samples)?;
     let level = options.simd.unwrap_or_else(SimdLevel::detect);
     let density = distribution.density();
-    let line = options.estimand == Estimand::Line;
-    let projection = Projection::new(density, camera, options.kernel, samples, options.precision)?;
+    let projection = Projection::new(density.volume().grid(), camera, options.kernel, samples, options.precision)?;
     let projector = projection.projector(options.kernel, options.estimand, level);
-    let locator: Box<dyn Locate + '_> = with_layout!(&distribution.layout, layout =>
-        with_voxels!(density.volume().voxels(), voxels =>
-            with_units!(&distribution.weights, density, units =>
-                Box::new(Locator { layout, voxels: &voxels[..], units, before: &distribution.before, level })
-                    as Box<dyn Locate + '_>)));
+    let locator = locator(distribution, level);
+    let exposure = Exposure { camera, estimand: options.estimand, samples, mass: density.mass() };
+    exposure.run(&projection, start, watch, |block, len, scratch, counters| {
+        scratch.points.resize(len);
+        scratch.places.iter_mut().for_each(|p| p.resize(len, 0));
+        stream.fill(block, distribution.total(), &mut scratch.points);
+        locator.locate(stream.search(), &scratch.points.targets, &mut scratch.places, counters);
+        let located = Instant::now();
+        let Scratch { points, places, pixels, weights } = scratch;
+        (projector.project(places, &points.uniforms, pixels, weights), located)
+    })
+}
 
-    let blocks = block_count(samples);
-    let workers = (rayon::current_num_threads() as u64).min(blocks.div_ceil(TAKE)) as usize;
-    let totals = Totals::new(camera.extent().pixels(), workers);
-    let next = AtomicU64::new(0);
-    let sum = Mutex::new((Counters::default(), [0.0f64; 2]));
-    (0..workers).into_par_iter().with_max_len(1).for_each(|_| {
-        let mut film = totals.worker(line);
-        let mut scratch = Scratch::default();
-        let mut counters = Counters::default();
-        let mut thread_seconds = [0.0; 2];
-        while !watch.cancelled() {
-            let first = next.fetch_add(TAKE, Ordering::Relaxed);
-            if first >= blocks {
-                break;
+/// Exposes an image to batches of samples, whatever they come from.
+pub(crate) struct Exposure<'a> {
+    pub camera: &'a Camera,
+    pub estimand: Estimand,
+    pub samples: u64,
+    /// Total mass `F`, weight units × mm³.
+    pub mass: f64,
+}
+
+impl Exposure<'_> {
+    /// Runs over all blocks on the current pool. `batch` fills pixels and weights of a block and says how many
+    /// samples were in no pixel and when its points were drawn.
+    pub(crate) fn run(
+        &self,
+        projection: &Projection,
+        start: Instant,
+        watch: &Watch<'_>,
+        batch: impl Fn(u64, usize, &mut Scratch, &mut Counters) -> (Lost, Instant) + Sync,
+    ) -> Result<Rendered, SamplingError> {
+        let Self { camera, estimand, samples, mass } = *self;
+        let line = estimand == Estimand::Line;
+        let blocks = block_count(samples);
+        let workers = (rayon::current_num_threads() as u64).min(blocks.div_ceil(TAKE)) as usize;
+        let totals = Totals::new(camera.extent().pixels(), workers);
+        let next = AtomicU64::new(0);
+        let sum = Mutex::new((Counters::default(), [0.0f64; 2]));
+        (0..workers).into_par_iter().with_max_len(1).for_each(|_| {
+            let mut film = totals.worker(line);
+            let mut scratch = Scratch::default();
+            let mut counters = Counters::default();
+            let mut thread_seconds = [0.0; 2];
+            while !watch.cancelled() {
+                let first = next.fetch_add(TAKE, Ordering::Relaxed);
+                if first >= blocks {
+                    break;
+                }
+                for block in first..blocks.min(first + TAKE) {
+                    let len = block_len(samples, block);
+                    let t0 = Instant::now();
+                    scratch.pixels.resize(len, 0);
+                    let (lost, t1) = batch(block, len, &mut scratch, &mut counters);
+                    film.add(&scratch.pixels, &scratch.weights);
+                    let t2 = Instant::now();
+                    counters.samples += len as u64;
+                    counters.outside += u64::from(lost.beside);
+                    counters.clipped += u64::from(lost.near);
+                    counters.inside += len as u64 - u64::from(lost.beside) - u64::from(lost.near);
+                    counters.line_weights += if line { len as u64 } else { 0 };
+                    thread_seconds[0] += (t1 - t0).as_secs_f64();
+                    thread_seconds[1] += (t2 - t1).as_secs_f64();
+                    watch.advance(len as u64);
+                }
             }
-            for block in first..blocks.min(first + TAKE) {
-                let len = block_len(samples, block);
-                let t0 = Instant::now();
-                scratch.resize(len);
-                stream.fill(block, distribution.total(), &mut scratch.points);
-                locator.locate(stream.search(), &scratch.points.targets, &mut scratch.places, &mut counters);
-                let t1 = Instant::now();
-                let lost = projector.project(
-                    &scratch.places,
-                    &scratch.points.uniforms,
-                    &mut scratch.pixels,
-                    &mut scratch.weights,
-                );
-                film.add(&scratch.pixels, &scratch.weights);
-                let t2 = Instant::now();
-                counters.samples += len as u64;
-                counters.outside += u64::from(lost.beside);
-                counters.clipped += u64::from(lost.near);
-                counters.inside += len as u64 - u64::from(lost.beside) - u64::from(lost.near);
-                counters.line_weights += if line { len as u64 } else { 0 };
-                thread_seconds[0] += (t1 - t0).as_secs_f64();
-                thread_seconds[1] += (t2 - t1).as_secs_f64();
-                watch.advance(len as u64);
-            }
+            film.finish();
+            let mut sum = sum.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            sum.0.add(&counters);
+            sum.1[0] += thread_seconds[0];
+            sum.1[1] += thread_seconds[1];
+        });
+        if watch.cancelled() {
+            return Err(SamplingError::Cancelled);
         }
-        film.finish();
-        let mut sum = sum.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        sum.0.add(&counters);
-        sum.1[0] += thread_seconds[0];
-        sum.1[1] += thread_seconds[1];
-    });
-    if watch.cancelled() {
-        return Err(SamplingError::Cancelled);
+        let unit = match estimand {
+            Estimand::Count => 1.0 / samples as f64,
+            Estimand::Line => mass / samples as f64 * camera.det() * projection.weight_unit(),
+        };
+        let image = Image::from_values(camera.extent(), totals.into_values(unit))
+            .map_err(|e| SamplingError::Camera(e.to_string()))?;
+        let (counters, thread_seconds) = sum.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let total = start.elapsed().as_secs_f64();
+        let share = total / (thread_seconds[0] + thread_seconds[1]).max(1e-12);
+        let seconds =
+            PhaseSeconds { sampling: thread_seconds[0] * share, projection: thread_seconds[1] * share, total };
+        Ok(Rendered { image, counters, seconds, precision: projection.precision() })
     }
-    let unit = match options.estimand {
-        Estimand::Count => 1.0 / samples as f64,
-        Estimand::Line => density.mass() / samples as f64 * camera.det() * projection.weight_unit(),
-    };
-    let image = Image::from_values(camera.extent(), totals.into_values(unit))
-        .map_err(|e| SamplingError::Camera(e.to_string()))?;
-    let (counters, thread_seconds) = sum.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-    let total = start.elapsed().as_secs_f64();
-    let share = total / (thread_seconds[0] + thread_seconds[1]).max(1e-12);
-    let seconds = PhaseSeconds { sampling: thread_seconds[0] * share, projection: thread_seconds[1] * share, total };
-    Ok(Rendered { image, counters, seconds, precision: projection.precision() })
 }
 
 /// Arrays of one worker, reused from block to block.
 #[derive(Default)]
-struct Scratch {
-    points: PointBlock,
-    places: [Vec<u32>; 3],
-    pixels: Vec<u32>,
-    weights: Weights,
-}
-
-impl Scratch {
-    fn resize(&mut self, len: usize) {
-        self.points.resize(len);
-        self.places.iter_mut().for_each(|p| p.resize(len, 0));
-        self.pixels.resize(len, 0);
-    }
-}
-
-/// Voxel coordinates of a block's targets.
-trait Locate: Sync {
-    fn locate(&self, search: Search, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters);
-}
-
-struct Locator<'a, L, T, U> {
-    layout: &'a L,
-    voxels: &'a [T],
-    units: U,
-    before: &'a [u64],
-    level: SimdLevel,
-}
-
-impl<L: Layout, T: Voxel, U: Units<T>> Locate for Locator<'_, L, T, U> {
-    fn locate(&self, search: Search, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) {
-        match search {
-            Search::Walk => self.walk(targets, places, counters),
-            Search::Binary => self.binary(targets, places, counters),
-            Search::Linear => self.linear(targets, places, counters),
-        }
-        self.layout.resolve(self.level, places);
-    }
-}
-
-impl<L: Layout, T: Voxel, U: Units<T>> Locator<'_, L, T, U> {
-    #[inline(always)]
-    fn decode(&self, brick: usize, sums: &mut BrickSums<U::Word>, counters: &mut Counters) {
-        counters.voxels_read += self.layout.sums(brick, self.voxels, self.units, &mut sums.sums) as u64;
-        counters.bricks_decoded += 1;
-        sums.index();
-    }
-
-    /// Places the targets `targets[run]`, all in one brick whose sums are given.
-    #[inline(always)]
-    fn place(
-        &self,
-        brick: usize,
-        sums: &BrickSums<U::Word>,
-        targets: &[u64],
-        first: usize,
-        positions: &mut [u32],
-        places: &mut [Vec<u32>; 3],
-    ) {
-        find_all(self.level, sums, targets, self.before[brick], positions);
-        let start = self.layout.start(brick);
-        let [px, py, pz] = places;
-        let run = first..first + targets.len();
-        let out = px[run.clone()].iter_mut().zip(&mut py[run.clone()]).zip(&mut pz[run]);
-        for (((x, y), z), &position) in out.zip(positions.iter()) {
-            [*x, *y, *z] = self.layout.place(brick, start, position);
-        }
-    }
-
-    /// Rising targets: every brick that holds some is decoded once.
-    fn walk(&self, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) {
-        let mut sums = BrickSums::new();
-        let mut positions = [0u32; crate::BLOCK];
-        let mut brick = 0;
-        let mut first = 0;
-        while first < targets.len() {
-            brick = brick_of(self.before, brick, targets[first]);
-            let limit = self.before[brick + 1];
-            let mut end = first + 1;
-            while end < targets.len() && targets[end] < limit {
-                end += 1;
-            }
-            self.decode(brick, &mut sums, counters);
-            self.place(brick, &sums, &targets[first..end], first, &mut positions[first..end], places);
-            first = end;
-        }
-    }
-
-    /// Targets in any order: each searches the brick totals and decodes its own brick.
-    fn binary(&self, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) {
-        let mut sums = BrickSums::new();
-        for (i, target) in targets.iter().enumerate() {
-            let brick = self.before.partition_point(|b| b <= target) - 1;
-            self.decode(brick, &mut sums, counters);
-            self.place(brick, &sums, std::slice::from_ref(target), i, &mut [0], places);
-        }
-    }
-
-    /// Targets in any order: each adds up the voxels' weights from the first voxel on.
-    fn linear(&self, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) {
-        let mut sums = BrickSums::new();
-        for (i, target) in targets.iter().enumerate() {
-            let (mut brick, mut sum) = (0, 0);
-            loop {
-                self.decode(brick, &mut sums, counters);
-                sum += sums.sums[sums.sums.len() - 1].to_u64();
-                if *target < sum {
-                    break;
-                }
-                brick += 1;
-            }
-            self.place(brick, &sums, std::slice::from_ref(target), i, &mut [0], places);
-        }
-    }
-}
-
-/// The brick that holds a target, searched forward from a brick at or before it: a few steps one by one,
-/// then doubling.
-#[inline(always)]
-fn brick_of(before: &[u64], from: usize, target: u64) -> usize {
-    let mut brick = from;
-    for _ in 0..4 {
-        if target < before[brick + 1] {
-            return brick;
-        }
-        brick += 1;
-    }
-    let mut step = 8;
-    let mut low = brick;
-    while low + step + 1 < before.len() && before[low + step] <= target {
-        low += step;
-        step *= 2;
-    }
-    let high = (low + step + 1).min(before.len());
-    low + before[low..high].partition_point(|b| *b <= target) - 1
+pub(crate) struct Scratch {
+    pub points: PointBlock,
+    pub places: [Vec<u32>; 3],
+    pub pixels: Vec<u32>,
+    pub weights: Weights,
 }

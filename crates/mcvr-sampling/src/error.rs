@@ -21,6 +21,9 @@ pub enum SamplingError {
     /// The work was stopped from outside.
     #[error("stopped before it was finished")]
     Cancelled,
+    /// A point cloud's parts do not fit each other.
+    #[error("point cloud: {0}")]
+    Cloud(String),
     /// The camera and the volume cannot be combined.
     #[error("camera: {0}")]
     Camera(String),

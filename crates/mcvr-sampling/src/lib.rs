@@ -5,11 +5,15 @@
 //! blocks of [`BLOCK`] points; each point is a target in the running sum of weights (which voxel) and three
 //! uniforms (where in the kernel around it). Blocks are keyed by their number, never by a thread, and all
 //! sums are integers: the same seed gives the same image on any number of threads.
+//!
+//! [`sample`] keeps the points as a [`Cloud`], and [`project_cloud`] makes the image of it from any view.
 
 mod accumulate;
+mod cloud;
 mod distribution;
 mod engine;
 mod error;
+mod find;
 mod hilbert;
 mod locate;
 mod offset;
@@ -18,9 +22,11 @@ mod project;
 mod real;
 pub mod rng;
 mod simd;
+mod stored;
 mod stream;
 mod units;
 
+pub use cloud::{Cloud, ProjectOptions, Provenance, project_cloud, sample};
 pub use distribution::{Distribution, DistributionCounters};
 pub use engine::{Counters, PhaseSeconds, RenderOptions, Rendered, render};
 pub use error::SamplingError;

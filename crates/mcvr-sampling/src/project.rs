@@ -1,7 +1,8 @@
 //! From voxel coordinates and uniforms to pixels: kernel offset, projection, `line` weight. Vectorised.
 
 use glam::{DMat3, DVec3};
-use mcvr_scene::{Camera, Density, Estimand, Kernel};
+use mcvr_scene::{Camera, Estimand, Kernel};
+use mcvr_volume::Grid;
 use serde::Serialize;
 
 use crate::SamplingError;
@@ -74,20 +75,19 @@ pub(crate) struct Projection {
 }
 
 impl Projection {
-    /// Sets up the projection of `samples` samples of a density under a kernel.
+    /// Sets up the projection of `samples` samples on a grid under a kernel.
     pub(crate) fn new(
-        density: &Density,
+        grid: &Grid,
         camera: &Camera,
         kernel: Kernel,
         samples: u64,
         force: Option<Precision>,
     ) -> Result<Self, SamplingError> {
-        let grid = density.volume().grid();
         let dims = grid.dims();
         if dims.iter().any(|&n| n >= 1 << 31) {
             return Err(SamplingError::Camera(format!("extents {dims:?} exceed 2^31 - 1 voxels along an axis")));
         }
-        let centre = dims.map(|n| (n as i32 - 1) / 2);
+        let centre = centre_voxel(dims);
         let centre_index = DVec3::from_array(centre.map(f64::from));
         let to_world = grid.index_to_world();
         let rows = camera.world_to_pixel();
@@ -153,7 +153,7 @@ impl Projection {
         self.largest_weight / (1u64 << self.bits) as f64
     }
 
-    fn params<R: Real>(&self) -> Params<R> {
+    pub(crate) fn params<R: Real>(&self) -> Params<R> {
         let (w, h) = (self.extent.width, self.extent.height);
         Params {
             centre: self.centre,
@@ -259,51 +259,85 @@ fn project_body<R: Real, K: Offset, E: Weigh>(
     let weights = if E::LINE { &mut weights[..n] } else { weights };
     let mut lost = Lost::default();
     for i in 0..n {
-        let t = K::offset::<R>([uniforms[0][i], uniforms[1][i], uniforms[2][i]]);
-        let at = |a: usize| R::from_i32(places[a][i] as i32 - p.centre[a]) + t[a];
-        let x = [at(0), at(1), at(2)];
-        let row = |r: usize| p.rows[r][0] * x[0] + p.rows[r][1] * x[1] + (p.rows[r][2] * x[2] + p.shift[r]);
-        let depth = row(2);
-        let inverse = R::lit(1.0) / depth;
-        let (px, py) = (row(0) * inverse, row(1) * inverse);
-        let zero = R::lit(0.0);
-        let ahead = depth >= p.near;
-        let inside = ahead & (px >= zero) & (px < p.width) & (py >= zero) & (py < p.height);
-        let (cx, cy) = (if inside { px } else { zero }, if inside { py } else { zero });
-        // SAFETY: positions inside the image are below its sides, which are below 2^30; others were set to 0.
-        let index = unsafe { cy.to_i32() * p.stride + cx.to_i32() };
-        let other = if ahead { p.miss } else { p.miss + 1 };
-        pixels[i] = if inside { index } else { other } as u32;
-        lost.beside += u32::from(ahead & !inside);
-        lost.near += u32::from(!ahead);
+        let x = position::<R, K>(
+            p.centre,
+            [places[0][i], places[1][i], places[2][i]],
+            [uniforms[0][i], uniforms[1][i], uniforms[2][i]],
+        );
+        let landed = land::<R, E>(p, x);
+        pixels[i] = landed.pixel;
+        lost.beside += u32::from(landed.ahead & !landed.inside);
+        lost.near += u32::from(!landed.ahead);
         if E::LINE {
-            let (dx, dy) = (px - p.middle[0], py - p.middle[1]);
-            let s = &p.stretch;
-            let q = s[0] + dx * (s[1] + dx * s[3] + dy * s[4]) + dy * (s[2] + dy * s[5]);
-            let g = q.sqrt() * (inverse * inverse) * p.scale;
-            let bounded = if g < p.largest { g } else { p.largest };
-            let weight = if inside & (bounded >= zero) { bounded } else { zero };
-            // SAFETY: 0 outside the image, and inside it at least 0 (NaN compares false) and at most `largest`.
-            weights[i] = unsafe { weight.to_fixed() };
+            weights[i] = landed.weight;
         }
     }
     lost
+}
+
+/// Where a sample lies, in voxels from the grid's centre voxel.
+#[inline(always)]
+pub(crate) fn position<R: Real, K: Offset>(centre: [i32; 3], place: [u32; 3], words: [u32; 3]) -> [R; 3] {
+    let t = K::offset::<R>(words);
+    [
+        R::from_i32(place[0] as i32 - centre[0]) + t[0],
+        R::from_i32(place[1] as i32 - centre[1]) + t[1],
+        R::from_i32(place[2] as i32 - centre[2]) + t[2],
+    ]
+}
+
+/// What becomes of one sample.
+pub(crate) struct Landed<F> {
+    pub pixel: u32,
+    pub weight: F,
+    pub ahead: bool,
+    pub inside: bool,
+}
+
+/// Projects a sample that lies at `x`, in voxels from the grid's centre voxel: the one projection of all images.
+#[inline(always)]
+pub(crate) fn land<R: Real, E: Weigh>(p: &Params<R>, x: [R; 3]) -> Landed<R::Fixed> {
+    let row = |r: usize| p.rows[r][0] * x[0] + p.rows[r][1] * x[1] + (p.rows[r][2] * x[2] + p.shift[r]);
+    let depth = row(2);
+    let inverse = R::lit(1.0) / depth;
+    let (px, py) = (row(0) * inverse, row(1) * inverse);
+    let zero = R::lit(0.0);
+    let ahead = depth >= p.near;
+    let inside = ahead & (px >= zero) & (px < p.width) & (py >= zero) & (py < p.height);
+    let (cx, cy) = (if inside { px } else { zero }, if inside { py } else { zero });
+    // SAFETY: positions inside the image are below its sides, which are below 2^30; others were set to 0.
+    let index = unsafe { cy.to_i32() * p.stride + cx.to_i32() };
+    let other = if ahead { p.miss } else { p.miss + 1 };
+    let pixel = if inside { index } else { other } as u32;
+    if !E::LINE {
+        return Landed { pixel, weight: R::Fixed::default(), ahead, inside };
+    }
+    let (dx, dy) = (px - p.middle[0], py - p.middle[1]);
+    let s = &p.stretch;
+    let q = s[0] + dx * (s[1] + dx * s[3] + dy * s[4]) + dy * (s[2] + dy * s[5]);
+    let g = q.sqrt() * (inverse * inverse) * p.scale;
+    let bounded = if g < p.largest { g } else { p.largest };
+    let weight = if inside & (bounded >= zero) { bounded } else { zero };
+    // SAFETY: 0 outside the image, and inside it at least 0 (NaN compares false) and at most `largest`.
+    Landed { pixel, weight: unsafe { weight.to_fixed() }, ahead, inside }
+}
+
+/// The voxel from which positions are counted, so that they are small in 32 bits.
+pub(crate) fn centre_voxel(dims: [usize; 3]) -> [i32; 3] {
+    dims.map(|n| (n as i32 - 1) / 2)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::offset::tests::words;
-    use mcvr_scene::{DensityMap, Extent, View};
-    use mcvr_volume::{Grid, Volume};
+    use mcvr_scene::{Extent, View};
 
     #[test]
     fn every_level_gives_the_same_bits_for_every_kernel_estimand_and_precision() {
         let grid = Grid::with_spacing([30, 20, 10], [1.0, 1.5, 2.0]).expect("a grid");
-        let volume = Volume::from_vec(grid, vec![1u8; 6000], "test").expect("a volume");
-        let density = Density::new(&volume, DensityMap::default()).expect("a density");
         let view = View { near: Some(105.0), fov: Some(8.0), ..View::default() };
-        let camera = Camera::look(&view, volume.grid(), Extent::new(37, 23).expect("a size")).expect("a camera");
+        let camera = Camera::look(&view, &grid, Extent::new(37, 23).expect("a size")).expect("a camera");
         let words = words();
         let column = |a: usize| words.iter().map(|w| w[a]).collect::<Vec<_>>();
         let uniforms = [column(0), column(1), column(2)];
@@ -311,7 +345,7 @@ mod tests {
         for kernel in Kernel::ALL {
             for estimand in Estimand::ALL {
                 for precision in [Precision::F32, Precision::F64] {
-                    let projection = Projection::new(&density, &camera, kernel, 1 << 20, Some(precision)).expect("ok");
+                    let projection = Projection::new(&grid, &camera, kernel, 1 << 20, Some(precision)).expect("ok");
                     let mut first = None;
                     for level in SimdLevel::available() {
                         let mut pixels = vec![0; words.len()];
@@ -339,12 +373,10 @@ mod tests {
     #[test]
     fn weights_are_the_cameras_line_factors() {
         let grid = Grid::with_spacing([30, 20, 10], [1.0, 1.5, 2.0]).expect("a grid");
-        let volume = Volume::from_vec(grid, vec![1u8; 6000], "test").expect("a volume");
-        let density = Density::new(&volume, DensityMap::default()).expect("a density");
         for parallel in [false, true] {
             let view = View { parallel, distance: Some(60.0), ..View::default() };
-            let camera = Camera::look(&view, volume.grid(), Extent::new(64, 48).expect("a size")).expect("a camera");
-            let projection = Projection::new(&density, &camera, Kernel::Box, 1 << 20, None).expect("a projection");
+            let camera = Camera::look(&view, &grid, Extent::new(64, 48).expect("a size")).expect("a camera");
+            let projection = Projection::new(&grid, &camera, Kernel::Box, 1 << 20, None).expect("a projection");
             assert_eq!(projection.precision(), Precision::F32);
             let places = [vec![3, 29, 0], vec![4, 19, 0], vec![5, 9, 0]];
             let middle = vec![1u32 << 31; 3];
@@ -357,7 +389,7 @@ mod tests {
             );
             for i in 0..3 {
                 let index = DVec3::new(f64::from(places[0][i]), f64::from(places[1][i]), f64::from(places[2][i]));
-                let (px, py, z) = camera.project(volume.grid().index_to_world().transform_point3(index));
+                let (px, py, z) = camera.project(grid.index_to_world().transform_point3(index));
                 assert_eq!(pixels[i] as usize, py as usize * 64 + px as usize);
                 let weight = f64::from(weights.narrow[i]) * projection.weight_unit() * camera.det();
                 let exact = camera.line_factor(px, py, z);

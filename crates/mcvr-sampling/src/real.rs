@@ -14,6 +14,7 @@ pub(crate) trait Real:
 {
     fn lit(v: f64) -> Self;
     fn from_i32(v: i32) -> Self;
+    fn from_f32(v: f32) -> Self;
     /// Uniform in (0, 1) from 32 bits, symmetric about 1/2.
     fn uniform(word: u32) -> Self;
     fn sqrt(self) -> Self;
@@ -45,6 +46,10 @@ impl Real for f32 {
     #[inline(always)]
     fn from_i32(v: i32) -> Self {
         v as f32
+    }
+    #[inline(always)]
+    fn from_f32(v: f32) -> Self {
+        v
     }
     #[inline(always)]
     fn uniform(word: u32) -> Self {
@@ -80,6 +85,10 @@ impl Real for f64 {
     }
     #[inline(always)]
     fn from_i32(v: i32) -> Self {
+        f64::from(v)
+    }
+    #[inline(always)]
+    fn from_f32(v: f32) -> Self {
         f64::from(v)
     }
     #[inline(always)]

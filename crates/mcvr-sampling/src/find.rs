@@ -1,0 +1,140 @@
+//! The voxels of a block of targets, by the search that the stream asks for.
+
+use mcvr_volume::{Voxel, with_voxels};
+
+use crate::engine::Counters;
+use crate::locate::{BrickSums, find_all};
+use crate::order::{Layout, with_layout};
+use crate::units::{Units, Word, with_units};
+use crate::{Distribution, Search, SimdLevel};
+
+/// Voxel coordinates of a block's targets.
+pub(crate) trait Locate: Sync {
+    fn locate(&self, search: Search, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters);
+}
+
+/// The locator of a distribution, for its voxel type and order.
+pub(crate) fn locator<'a>(distribution: &'a Distribution<'_>, level: SimdLevel) -> Box<dyn Locate + 'a> {
+    let density = distribution.density();
+    with_layout!(&distribution.layout, layout =>
+        with_voxels!(density.volume().voxels(), voxels =>
+            with_units!(&distribution.weights, density, units =>
+                Box::new(Locator { layout, voxels: &voxels[..], units, before: &distribution.before, level })
+                    as Box<dyn Locate + 'a>)))
+}
+
+struct Locator<'a, L, T, U> {
+    layout: &'a L,
+    voxels: &'a [T],
+    units: U,
+    before: &'a [u64],
+    level: SimdLevel,
+}
+
+impl<L: Layout, T: Voxel, U: Units<T>> Locate for Locator<'_, L, T, U> {
+    fn locate(&self, search: Search, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) {
+        match search {
+            Search::Walk => self.walk(targets, places, counters),
+            Search::Binary => self.binary(targets, places, counters),
+            Search::Linear => self.linear(targets, places, counters),
+        }
+        self.layout.resolve(self.level, places);
+    }
+}
+
+impl<L: Layout, T: Voxel, U: Units<T>> Locator<'_, L, T, U> {
+    #[inline(always)]
+    fn decode(&self, brick: usize, sums: &mut BrickSums<U::Word>, counters: &mut Counters) {
+        counters.voxels_read += self.layout.sums(brick, self.voxels, self.units, &mut sums.sums) as u64;
+        counters.bricks_decoded += 1;
+        sums.index();
+    }
+
+    /// Places the targets `targets[run]`, all in one brick whose sums are given.
+    #[inline(always)]
+    fn place(
+        &self,
+        brick: usize,
+        sums: &BrickSums<U::Word>,
+        targets: &[u64],
+        first: usize,
+        positions: &mut [u32],
+        places: &mut [Vec<u32>; 3],
+    ) {
+        find_all(self.level, sums, targets, self.before[brick], positions);
+        let start = self.layout.start(brick);
+        let [px, py, pz] = places;
+        let run = first..first + targets.len();
+        let out = px[run.clone()].iter_mut().zip(&mut py[run.clone()]).zip(&mut pz[run]);
+        for (((x, y), z), &position) in out.zip(positions.iter()) {
+            [*x, *y, *z] = self.layout.place(brick, start, position);
+        }
+    }
+
+    /// Rising targets: every brick that holds some is decoded once.
+    fn walk(&self, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) {
+        let mut sums = BrickSums::new();
+        let mut positions = [0u32; crate::BLOCK];
+        let mut brick = 0;
+        let mut first = 0;
+        while first < targets.len() {
+            brick = brick_of(self.before, brick, targets[first]);
+            let limit = self.before[brick + 1];
+            let mut end = first + 1;
+            while end < targets.len() && targets[end] < limit {
+                end += 1;
+            }
+            self.decode(brick, &mut sums, counters);
+            self.place(brick, &sums, &targets[first..end], first, &mut positions[first..end], places);
+            first = end;
+        }
+    }
+
+    /// Targets in any order: each searches the brick totals and decodes its own brick.
+    fn binary(&self, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) {
+        let mut sums = BrickSums::new();
+        for (i, target) in targets.iter().enumerate() {
+            let brick = self.before.partition_point(|b| b <= target) - 1;
+            self.decode(brick, &mut sums, counters);
+            self.place(brick, &sums, std::slice::from_ref(target), i, &mut [0], places);
+        }
+    }
+
+    /// Targets in any order: each adds up the voxels' weights from the first voxel on.
+    fn linear(&self, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) {
+        let mut sums = BrickSums::new();
+        for (i, target) in targets.iter().enumerate() {
+            let (mut brick, mut sum) = (0, 0);
+            loop {
+                self.decode(brick, &mut sums, counters);
+                sum += sums.sums[sums.sums.len() - 1].to_u64();
+                if *target < sum {
+                    break;
+                }
+                brick += 1;
+            }
+            self.place(brick, &sums, std::slice::from_ref(target), i, &mut [0], places);
+        }
+    }
+}
+
+/// The brick that holds a target, searched forward from a brick at or before it: a few steps one by one,
+/// then doubling.
+#[inline(always)]
+fn brick_of(before: &[u64], from: usize, target: u64) -> usize {
+    let mut brick = from;
+    for _ in 0..4 {
+        if target < before[brick + 1] {
+            return brick;
+        }
+        brick += 1;
+    }
+    let mut step = 8;
+    let mut low = brick;
+    while low + step + 1 < before.len() && before[low + step] <= target {
+        low += step;
+        step *= 2;
+    }
+    let high = (low + step + 1).min(before.len());
+    low + before[low..high].partition_point(|b| *b <= target) - 1
+}

@@ -22,11 +22,15 @@ pub use mcvr_sampling as sampling;
 pub use mcvr_scene as scene;
 pub use mcvr_volume as volume;
 
+mod cloud;
+mod cloud_file;
 mod make;
 mod measured;
 mod method;
 mod scene_file;
 
+pub use cloud::draw_cloud;
+pub use cloud_file::{CloudFileError, is_cloud, read_cloud, write_cloud, write_ply};
 pub use make::{Made, MakeError, Request, Scenery, make};
 pub use measured::Measured;
 pub use method::Method;

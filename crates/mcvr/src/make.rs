@@ -133,28 +133,13 @@ fn sampled(
     watch: &Watch<'_>,
     start: Instant,
 ) -> Result<Made, MakeError> {
-    let Request { method, samples, seed, .. } = *request;
-    if method == Method::McLinear && samples > Method::LINEAR_LIMIT {
-        return Err(MakeError::Sampling(SamplingError::Limit {
-            method: "mc-linear",
-            problem: format!(
-                "{samples} samples at half the volume each would take hours; at most {}, or use mc",
-                Method::LINEAR_LIMIT
-            ),
-        }));
-    }
+    let samples = request.samples;
+    check(request)?;
     let order = request.order.resolve(camera, density.volume().grid());
     let distribution = Distribution::new(density, order)?;
     let distribution_seconds = start.elapsed().as_secs_f64();
     let drawing = Instant::now();
-    let stream: Box<dyn PointStream> = match method {
-        Method::McQuicksort => Box::new(Quicksorted::new(samples, seed, distribution.total())),
-        Method::McBinary => Box::new(Unsorted::binary(samples, seed)),
-        Method::McLinear => Box::new(Unsorted::linear(samples, seed)),
-        Method::Stratified => Box::new(Stratified::new(samples, seed)),
-        Method::Qmc => Box::new(SobolNet::new(samples, seed, request.scramble)),
-        Method::Mc | Method::March | Method::Exact => Box::new(OrderStatistics::new(samples, seed)),
-    };
+    let stream = point_stream(request, distribution.total());
     let drawn = drawing.elapsed().as_secs_f64();
     let options = RenderOptions { estimand: request.estimand, kernel: request.kernel, ..RenderOptions::default() };
     let Rendered { image, counters, seconds, precision } = render(&distribution, &*stream, camera, &options, watch)?;
@@ -176,6 +161,34 @@ fn sampled(
         }),
         error: None,
     })
+}
+
+/// Refuses budgets that a method's own limit forbids.
+pub(crate) fn check(request: &Request) -> Result<(), MakeError> {
+    let Request { method, samples, .. } = *request;
+    if method == Method::McLinear && samples > Method::LINEAR_LIMIT {
+        return Err(MakeError::Sampling(SamplingError::Limit {
+            method: "mc-linear",
+            problem: format!(
+                "{samples} samples at half the volume each would take hours; at most {}, or use mc",
+                Method::LINEAR_LIMIT
+            ),
+        }));
+    }
+    Ok(())
+}
+
+/// The points of a sampling method; ray-casting methods have none and stand for `mc`.
+pub(crate) fn point_stream(request: &Request, total: u64) -> Box<dyn PointStream> {
+    let Request { method, samples, seed, .. } = *request;
+    match method {
+        Method::McQuicksort => Box::new(Quicksorted::new(samples, seed, total)),
+        Method::McBinary => Box::new(Unsorted::binary(samples, seed)),
+        Method::McLinear => Box::new(Unsorted::linear(samples, seed)),
+        Method::Stratified => Box::new(Stratified::new(samples, seed)),
+        Method::Qmc => Box::new(SobolNet::new(samples, seed, request.scramble)),
+        Method::Mc | Method::March | Method::Exact => Box::new(OrderStatistics::new(samples, seed)),
+    }
 }
 
 fn cast(

@@ -57,9 +57,24 @@ fn fail(path: &Path, problem: impl ToString) -> SceneError {
 /// # Errors
 /// [`SceneError::File`] when the folder is missing or not writable, or the disk is full.
 pub fn write(image: &Image, path: &Path, format: ImageFormat, tone: &Tone) -> Result<(), SceneError> {
+    write_within(image, path, format, tone, tone.limits(image))
+}
+
+/// Writes an image with its tone between given limits instead of the tone's percentiles: images of a series are
+/// then as bright as each other.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_within(
+    image: &Image,
+    path: &Path,
+    format: ImageFormat,
+    tone: &Tone,
+    limits: [f64; 2],
+) -> Result<(), SceneError> {
     let Extent { width, height } = image.extent();
     let (w, h) = (width as u32, height as u32);
-    let grey = || tone.apply(image, tone.limits(image));
+    let grey = || tone.apply(image, limits);
     let float = || -> Vec<f32> { image.values().iter().flat_map(|&v| [v as f32; 3]).collect() };
     let rgb32 = || ImageBuffer::<Rgb<f32>, _>::from_raw(w, h, float()).map(DynamicImage::ImageRgb32F);
     replace(path, |out| match format {
@@ -93,6 +108,28 @@ pub fn write_rgb8(extent: Extent, pixels: &[[u8; 3]], path: &Path) -> Result<(),
     let buffer =
         ImageBuffer::<Rgb<u8>, _>::from_raw(extent.width as u32, extent.height as u32, pixels.as_flattened().to_vec());
     replace(path, |out| encode(buffer.map(Into::into), out, image::ImageFormat::Png))
+}
+
+/// Writes 8-bit grey frames, each of `extent`, as an animated PNG that repeats for ever, `rate` frames a second.
+///
+/// # Errors
+/// As [`write`]; also for no frames, more than 2^31 - 1, a side beyond 2^31 - 1, or a frame of another size.
+pub fn write_animation(frames: &[Vec<u8>], extent: Extent, path: &Path, rate: u16) -> Result<(), SceneError> {
+    replace(path, |out| {
+        if frames.is_empty() || frames.iter().any(|f| f.len() != extent.pixels()) {
+            return Err(format!("{} frames: at least one, each of {extent} pixels", frames.len()));
+        }
+        let side = |n: usize| u32::try_from(n).map_err(|e| e.to_string());
+        let mut encoder = png::Encoder::new(out, side(extent.width)?, side(extent.height)?);
+        encoder.set_color(png::ColorType::Grayscale);
+        encoder.set_depth(png::BitDepth::Eight);
+        let fail = |e: png::EncodingError| e.to_string();
+        encoder.set_animated(side(frames.len())?, 0).map_err(fail)?;
+        encoder.set_frame_delay(1, rate.max(1)).map_err(fail)?;
+        let mut writer = encoder.write_header().map_err(fail)?;
+        frames.iter().try_for_each(|frame| writer.write_image_data(frame)).map_err(fail)?;
+        writer.finish().map_err(fail)
+    })
 }
 
 fn encode(

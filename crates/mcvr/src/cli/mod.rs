@@ -5,9 +5,12 @@ mod compare;
 mod converge;
 mod info;
 mod numbers;
+mod orbit;
 mod process;
 mod progress;
+mod project;
 mod render;
+mod sample;
 mod setup;
 
 use std::process::ExitCode;
@@ -28,6 +31,7 @@ use clap::{Parser, Subcommand};
     mcvr                                             a measured tour on a phantom\n  \
     mcvr render phantom:lobster -o lobster.png       an X-ray of a phantom\n  \
     mcvr render head.nrrd --samples 2^24 -o head.exr linear values, 16 million samples\n  \
+    mcvr orbit phantom:lobster -o turntable.png      an animation from one point cloud\n  \
     mcvr info scan.nii.gz                            what is in a file\n  \
     mcvr converge lobster.mha -o results             error and time against the sample count\n\n\
     Exit status: 0 done, 1 failed, 2 wrong usage, 130 interrupted."
@@ -47,6 +51,12 @@ struct Cli {
 enum Command {
     /// Make one image
     Render(Box<render::Args>),
+    /// Draw a point cloud, to be projected from any view
+    Sample(Box<sample::Args>),
+    /// Make an image of a point cloud
+    Project(Box<project::Args>),
+    /// Make a turntable of a volume or a point cloud
+    Orbit(Box<orbit::Args>),
     /// Measure methods against the ray-cast truth over sample counts
     Converge(Box<converge::Args>),
     /// Compare two images: errors, bias, a signed difference image
@@ -79,6 +89,9 @@ pub fn run() -> ExitCode {
     let outcome = match cli.command {
         None => converge::demo(cli.quiet),
         Some(Command::Render(args)) => render::run(&args, cli.quiet),
+        Some(Command::Sample(args)) => sample::run(&args, cli.quiet),
+        Some(Command::Project(args)) => project::run(&args, cli.quiet),
+        Some(Command::Orbit(args)) => orbit::run(&args, cli.quiet),
         Some(Command::Converge(args)) => converge::run(&args, cli.quiet),
         Some(Command::Compare(args)) => compare::run(&args),
         Some(Command::Info(args)) => info::run(&args),

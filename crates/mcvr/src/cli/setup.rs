@@ -99,7 +99,8 @@ fn hinted(error: mcvr::volume::VolumeError, input: &str) -> anyhow::Error {
     if phantom { anyhow::anyhow!("{error}; did you mean phantom:{input}?") } else { anyhow::Error::new(error) }
 }
 
-fn camera(args: &ViewArgs, scene: &SceneFile, grid: &mcvr::volume::Grid) -> anyhow::Result<(Camera, String)> {
+/// The camera of flags, scene and defaults, and the view in words.
+pub fn camera(args: &ViewArgs, scene: &SceneFile, grid: &mcvr::volume::Grid) -> anyhow::Result<(Camera, String)> {
     let file = &scene.camera;
     let extent = match (args.size, scene.image.size) {
         (Some(size), _) => size,

@@ -1,0 +1,155 @@
+//! `mcvr sample`
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use anyhow::bail;
+use mcvr::qmc::Scramble;
+use mcvr::sampling::{Cloud, Counters, VoxelOrder};
+use mcvr::scene::{Kernel, Watch};
+use mcvr::{draw_cloud, write_cloud, write_ply};
+use serde_json::{Value, json};
+
+use super::args::{BudgetArgs, DensityArgs, MethodArgs, ToneArgs, ViewArgs, VolumeArgs};
+use super::render::write_json;
+use super::setup::{Setup, scene_file, setup};
+use super::{Interrupted, process, progress};
+
+/// How points are drawn.
+#[derive(clap::Args, Clone, Debug, Default)]
+pub struct DrawArgs {
+    #[command(flatten)]
+    budget: BudgetArgs,
+    /// Reconstruction kernel: box, tent, bspline3, shell [default: tent]
+    #[arg(long, help_heading = "Method")]
+    kernel: Option<Kernel>,
+    /// Key of all randomness; the same seed gives the same points on any number of threads [default: 1]
+    #[arg(long, help_heading = "Method")]
+    seed: Option<u64>,
+    /// Order of the voxels for qmc and stratified: raster, hilbert, y, z [default: raster]
+    #[arg(long, help_heading = "Method")]
+    order: Option<VoxelOrder>,
+    /// Randomisation of the net: linear, owen, shift, none [default: linear]
+    #[arg(long, help_heading = "Method")]
+    scramble: Option<Scramble>,
+    /// Scene file; flags win over it
+    #[arg(long, value_name = "FILE.toml", help_heading = "Method")]
+    scene: Option<PathBuf>,
+    #[command(flatten)]
+    density: DensityArgs,
+}
+
+#[derive(clap::Args)]
+#[command(after_help = "Examples:\n  \
+    mcvr sample phantom:lobster -n 2^22 -o lobster.mcvr\n  \
+    mcvr sample head.nrrd --method mc -n 1e6 -o head.ply     for MeshLab, CloudCompare, Blender, Open3D\n\n\
+    A cloud takes 12 bytes a point. `mcvr project` reads .mcvr files; PLY is written only. `mcvr render` with the same\n\
+    options and the same --order makes the image that `mcvr project` makes of the cloud, bit for bit, wherever\n\
+    `mcvr render --json` reports precision f32.")]
+pub struct Args {
+    #[command(flatten)]
+    volume: VolumeArgs,
+    /// Point cloud file, repeatable: .mcvr (to be projected), .ply (world mm, for other programs)
+    #[arg(long = "output", short, value_name = "FILE", required = true)]
+    outputs: Vec<PathBuf>,
+    /// Write what was done as JSON; - for standard output
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+    #[command(flatten)]
+    draw: DrawArgs,
+}
+
+pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
+    let start = Instant::now();
+    for path in &args.outputs {
+        if !(ends(path, "mcvr") || ends(path, "ply")) {
+            bail!("{}: unknown ending of a point cloud; use .mcvr or .ply", path.display());
+        }
+    }
+    check_folders(args.outputs.iter().chain(&args.json))?;
+    let (setup, cloud, counters) = draw(&args.volume, &args.draw, quiet)?;
+    for path in &args.outputs {
+        if ends(path, "ply") { write_ply(&cloud, path) } else { write_cloud(&cloud, path) }?;
+    }
+    if let Some(path) = &args.json {
+        let mut record = about(&cloud);
+        record["input"] = json!(setup.input);
+        record["counters"] = json!(counters);
+        record["seconds"] = json!({ "load": setup.load_seconds, "total": start.elapsed().as_secs_f64() });
+        record["outputs"] = json!(args.outputs);
+        write_json(path, &record)?;
+    }
+    if !quiet {
+        eprintln!(
+            "{} points ({} MB), kernel {}, {} seed {}, in {:.3} s",
+            cloud.samples(),
+            cloud.samples() * Cloud::BYTES_PER_POINT / 1_000_000,
+            cloud.kernel(),
+            cloud.provenance().method,
+            cloud.provenance().seed,
+            start.elapsed().as_secs_f64()
+        );
+    }
+    Ok(())
+}
+
+/// Loads the volume and draws its cloud with a progress bar.
+pub fn draw(volume: &VolumeArgs, args: &DrawArgs, quiet: bool) -> anyhow::Result<(Setup, Cloud, Counters)> {
+    let method = MethodArgs {
+        kernel: args.kernel,
+        seed: args.seed,
+        scramble: args.scramble,
+        scene: args.scene.clone(),
+        ..MethodArgs::default()
+    };
+    let mut setup = setup(volume, &args.density, &ViewArgs::default(), &method, &args.budget, &ToneArgs::default())?;
+    setup.request.order = args.order.or(scene_file(&method)?.sampling.order).unwrap_or(VoxelOrder::Raster);
+    let samples = setup.request.samples;
+    let bytes = samples.saturating_mul(Cloud::BYTES_PER_POINT);
+    if let Some(free) = process::free_memory().filter(|free| bytes > *free) {
+        bail!(
+            "{samples} points take {bytes} bytes of memory and {free} are free; at most {}",
+            free / Cloud::BYTES_PER_POINT
+        );
+    }
+    for note in &setup.notes {
+        eprintln!("mcvr: note: {note}");
+    }
+    let cancel = progress::interrupt_flag();
+    let bar = progress::bar(samples, quiet);
+    let advance = |n: u64| bar.inc(n);
+    let watch = Watch { progress: Some(&advance), cancel: Some(&cancel) };
+    let drawn = draw_cloud(&setup.scenery.volume, &setup.scenery.map, &setup.request, &watch);
+    bar.finish_and_clear();
+    match drawn {
+        Err(e) if e.is_cancelled() => Err(anyhow::Error::new(Interrupted)),
+        other => other.map(|(cloud, counters)| (setup, cloud, counters)).map_err(Into::into),
+    }
+}
+
+/// A cloud as JSON records have it.
+pub fn about(cloud: &Cloud) -> Value {
+    let grid = cloud.grid();
+    json!({
+        "samples": cloud.samples(), "mass": cloud.mass(), "kernel": cloud.kernel(), "points": cloud.provenance(),
+        "volume": {
+            "dims": grid.dims(), "origin": grid.origin().to_array(), "spacing": grid.spacing().to_array(),
+            "direction": grid.direction().transpose().to_cols_array_2d(),
+        },
+    })
+}
+
+/// Refuses outputs in folders that do not exist, before the work.
+pub fn check_folders<'a>(paths: impl Iterator<Item = &'a PathBuf>) -> anyhow::Result<()> {
+    for folder in paths.filter_map(|p| p.parent()) {
+        if !folder.as_os_str().is_empty() && !folder.is_dir() {
+            bail!("{}: no such folder for the output", folder.display());
+        }
+    }
+    Ok(())
+}
+
+/// Whether a path has an ending, in any case.
+pub fn ends(path: &Path, ending: &str) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(ending))
+}

@@ -6,7 +6,8 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use mcvr::mc::{OrderStatistics, Stratified};
 use mcvr::qmc::{Scramble, SobolNet};
 use mcvr::sampling::{
-    Distribution, PointBlock, PointStream, RenderOptions, VoxelOrder, block_count, block_len, render,
+    Distribution, PointBlock, PointStream, ProjectOptions, Provenance, RenderOptions, VoxelOrder, block_count,
+    block_len, project_cloud, render, sample,
 };
 use mcvr::scene::{Camera, Density, DensityMap, Estimand, Extent, Kernel, View, Watch};
 
@@ -22,6 +23,24 @@ fn scene() -> (Density, Camera) {
 /// Everything on one thread, so that figures are per core.
 fn on_one_thread(f: impl FnOnce() + Send) {
     rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool").install(f);
+}
+
+/// Projection of a kept cloud, by estimand.
+fn cloud(c: &mut Criterion) {
+    let (density, camera) = scene();
+    let mut group = c.benchmark_group("cloud");
+    group.throughput(Throughput::Elements(SAMPLES)).sample_size(10);
+    let distribution = Distribution::new(&density, VoxelOrder::Raster).expect("a distribution");
+    let net = SobolNet::new(SAMPLES, 1, Scramble::Linear);
+    let draw = || sample(&distribution, &net, Kernel::Tent, Provenance::default(), &Watch::default());
+    group.bench_function("sample-tent", |b| on_one_thread(|| b.iter(|| draw().expect("a cloud").1)));
+    let (points, _) = draw().expect("a cloud");
+    for estimand in Estimand::ALL {
+        let options = ProjectOptions { estimand, ..ProjectOptions::default() };
+        let project = || project_cloud(&points, &camera, &options, &Watch::default()).expect("an image").counters;
+        group.bench_function(format!("project-{estimand}"), |b| on_one_thread(|| b.iter(project)));
+    }
+    group.finish();
 }
 
 fn streams() -> Vec<(&'static str, Box<dyn PointStream + Send>)> {
@@ -94,5 +113,5 @@ fn image(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, distribution, points, image);
+criterion_group!(benches, distribution, points, image, cloud);
 criterion_main!(benches);

@@ -13,12 +13,16 @@ use super::args::{ToneArgs, VolumeArgs};
 use super::sample::{DrawArgs, check_folders, draw, ends};
 use super::{Interrupted, progress, project};
 
+/// Most bytes of frames that are kept for an animated PNG.
+const ANIMATION_LIMIT: u64 = 1 << 32;
+
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  \
     mcvr orbit phantom:lobster -o frames                 frames/0000.png to frames/0035.png\n  \
     mcvr orbit head.nrrd --frames 90 --rate 30 -o head.png   an animated PNG\n  \
     mcvr orbit lobster.mcvr --elevation 0 --tone log -o lobster.png\n\n\
-    Points are drawn once and projected for every frame. The first frame sets the tone's limits for all.")]
+    Points are drawn once and projected for every frame. The first frame sets the tone's limits for all.\n\
+    INPUT may be a point cloud (.mcvr); its points are as they are, and options that draw points play no part.")]
 pub struct Args {
     #[command(flatten)]
     volume: VolumeArgs,
@@ -69,6 +73,10 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     }
     if animation && args.tone.deep {
         bail!("--deep: an animated PNG is written with 8 bits; name a folder for frames of 16");
+    }
+    let extent = args.size.map_or_else(|| Extent::new(400, 400), Ok)?;
+    if animation && extent.pixels() as u64 * u64::from(args.frames) > ANIMATION_LIMIT {
+        bail!("{} frames of {extent} exceed 2^32 pixels, all kept until the end; name a folder", args.frames);
     }
     check_folders(std::iter::once(&args.output))?;
     // An unusable view is refused before the points are drawn, where the input is a cloud already.

@@ -1,13 +1,18 @@
 //! Progress bars on terminals, and Ctrl-C.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-/// A flag that Ctrl-C sets; a second Ctrl-C ends the program at once.
+/// The program's flag that Ctrl-C sets; a second Ctrl-C ends the program at once.
 pub fn interrupt_flag() -> Arc<AtomicBool> {
+    static FLAG: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+    Arc::clone(FLAG.get_or_init(watched_flag))
+}
+
+fn watched_flag() -> Arc<AtomicBool> {
     let flag = Arc::new(AtomicBool::new(false));
     let seen = Arc::clone(&flag);
     // Without a handler Ctrl-C still ends the program, only less gently.

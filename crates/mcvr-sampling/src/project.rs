@@ -254,8 +254,7 @@ fn project_body<R: Real, K: Offset, E: Weigh>(
     weights: &mut [R::Fixed],
 ) -> Lost {
     let n = pixels.len();
-    let places = places.map(|s| &s[..n]);
-    let uniforms = uniforms.map(|s| &s[..n]);
+    let (places, uniforms) = (places.map(|s| &s[..n]), uniforms.map(|s| &s[..n]));
     let weights = if E::LINE { &mut weights[..n] } else { weights };
     let mut lost = Lost::default();
     for i in 0..n {

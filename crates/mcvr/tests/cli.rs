@@ -1,4 +1,5 @@
 //! The program from outside: files, JSON, exit codes, messages.
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
 
 use std::path::Path;
 use std::process::{Command, Output};

@@ -64,7 +64,7 @@ pub fn write(image: &Image, path: &Path, format: ImageFormat, tone: &Tone) -> Re
 /// then as bright as each other.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn write_within(
     image: &Image,
     path: &Path,
@@ -113,7 +113,7 @@ pub fn write_rgb8(extent: Extent, pixels: &[[u8; 3]], path: &Path) -> Result<(),
 /// Writes 8-bit grey frames, each of `extent`, as an animated PNG that repeats for ever, `rate` frames a second.
 ///
 /// # Errors
-/// As [`write`]; also for no frames, more than 2^31 - 1, a side beyond 2^31 - 1, or a frame of another size.
+/// As [`write()`]; also for no frames, more than 2^31 - 1, a side beyond 2^31 - 1, or a frame of another size.
 pub fn write_animation(frames: &[Vec<u8>], extent: Extent, path: &Path, rate: u16) -> Result<(), SceneError> {
     replace(path, |out| {
         if frames.is_empty() || frames.iter().any(|f| f.len() != extent.pixels()) {

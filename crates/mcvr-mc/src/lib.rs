@@ -8,7 +8,7 @@
 //! | [`Unsorted::linear`] | targets in random order, each found by adding up weights from the first voxel | none |
 //! | [`Unsorted::binary`] | targets in random order, each found by binary search | none |
 //! | [`Quicksorted`] | all targets drawn and sorted first, then one walk: the report's improvement 1 | 8 bytes a sample |
-//! | [`OrderStatistics`] | targets drawn in rising order, so that there is nothing to sort | 8 bytes per 4096 samples |
+//! | [`OrderStatistics`] | targets drawn in rising order, so that there is nothing to sort | 8 bytes per 2048 samples |
 //!
 //! [`Stratified`] draws one target in each of M intervals of equal mass: not independent, less variance.
 

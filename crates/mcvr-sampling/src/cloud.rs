@@ -246,7 +246,7 @@ pub fn project_cloud(
     let start = Instant::now();
     let samples = cloud.samples();
     check_samples(samples)?;
-    let level = options.simd.unwrap_or_else(SimdLevel::detect);
+    let level = SimdLevel::choose(options.simd);
     let projection = Projection::new(&cloud.grid, camera, cloud.kernel, samples, options.precision)?;
     let projector = projection.stored_projector(options.estimand, level);
     let exposure = Exposure { camera, estimand: options.estimand, samples, mass: cloud.mass };

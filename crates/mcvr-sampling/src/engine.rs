@@ -104,7 +104,7 @@ pub fn render(
     let start = Instant::now();
     let samples = stream.samples();
     check_samples(samples)?;
-    let level = options.simd.unwrap_or_else(SimdLevel::detect);
+    let level = SimdLevel::choose(options.simd);
     let density = distribution.density();
     let projection = Projection::new(density.volume().grid(), camera, options.kernel, samples, options.precision)?;
     let projector = projection.projector(options.kernel, options.estimand, level);

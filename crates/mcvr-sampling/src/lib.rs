@@ -33,4 +33,4 @@ pub use error::SamplingError;
 pub use order::VoxelOrder;
 pub use project::Precision;
 pub use simd::SimdLevel;
-pub use stream::{BLOCK, PointBlock, PointStream, Search, Strata, block_count, block_len, target_of};
+pub use stream::{BLOCK, PointBlock, PointStream, Search, Strata, block_count, block_len, check_samples, target_of};

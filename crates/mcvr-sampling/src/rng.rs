@@ -42,11 +42,6 @@ pub fn keyed(seed: u64, purpose: Purpose, block: u64) -> Pcg64Dxsm {
     Pcg64Dxsm::new(word(0) << 64 | word(1), word(2) << 64 | word(3))
 }
 
-/// A uniform in the open interval (0, 1) from the top 52 bits: `(n + 1/2) / 2^52`.
-pub fn open01(bits: u64) -> f64 {
-    ((bits >> 12) as f64 + 0.5) * (1.0 / (1u64 << 52) as f64)
-}
-
 /// Generators that run side by side in [`fill_u32`]: one vector of 32-bit words.
 const LANES: usize = 16;
 
@@ -249,10 +244,5 @@ mod tests {
         for count in ones.into_iter().chain(same) {
             assert!((f64::from(count) - total / 2.0).abs() < 5.0 * total.sqrt() / 2.0, "{count}");
         }
-    }
-
-    #[test]
-    fn open01_never_reaches_its_ends() {
-        assert!(open01(0) > 0.0 && open01(u64::MAX) < 1.0);
     }
 }

@@ -22,6 +22,12 @@ impl SimdLevel {
         *BEST.get_or_init(|| *Self::available().last().unwrap_or(&SimdLevel::Portable))
     }
 
+    /// The wanted level, or the best below it that this processor has; the best of all where none is wanted.
+    /// Whatever a caller asks for, no instruction runs that the processor lacks.
+    pub(crate) fn choose(wanted: Option<Self>) -> Self {
+        wanted.map_or_else(Self::detect, |level| level.min(Self::detect()))
+    }
+
     /// Every level this processor has, in rising order.
     pub fn available() -> Vec<Self> {
         #[allow(unused_mut, reason = "only x86-64 has more than one level")]
@@ -59,7 +65,7 @@ macro_rules! vectorised {
                 fn avx512 $(<$($g: $b),*>)? ($($arg: $t),*) $(-> $r)? { $body($($arg),*) }
                 match level {
                     $crate::simd::SimdLevel::Portable => {}
-                    // SAFETY: `SimdLevel::available` names a level only when the processor has its features.
+                    // SAFETY: levels come from `detect`, `available` or `choose`, which name only what the processor has.
                     $crate::simd::SimdLevel::Avx2 => return unsafe { avx2 $(::<$($g),*>)? ($($arg),*) },
                     // SAFETY: as above.
                     $crate::simd::SimdLevel::Avx512 => return unsafe { avx512 $(::<$($g),*>)? ($($arg),*) },

@@ -108,11 +108,11 @@ impl Strata {
     }
 }
 
-/// Checks a number of samples.
+/// Checks a number of samples: to be done before a stream is made, as some take memory for each block.
 ///
 /// # Errors
 /// [`SamplingError::Samples`] for none or more than 2^40.
-pub(crate) fn check_samples(samples: u64) -> Result<(), SamplingError> {
+pub fn check_samples(samples: u64) -> Result<(), SamplingError> {
     if (1..=MAX_SAMPLES).contains(&samples) { Ok(()) } else { Err(SamplingError::Samples(samples)) }
 }
 

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3};
 use mcvr_sampling::{Cloud, Provenance};
-use mcvr_scene::Kernel;
+use mcvr_scene::{Kernel, SceneError, film};
 use mcvr_volume::Grid;
 use serde::{Deserialize, Serialize};
 
@@ -190,16 +190,10 @@ pub fn write_ply(cloud: &Cloud, path: &Path) -> Result<(), CloudFileError> {
     })
 }
 
-/// Writes to a temporary file in the target's folder, then renames it over the target.
+/// [`film::write_whole`] with this module's error.
 fn replace(path: &Path, fill: impl FnOnce(&mut BufWriter<&File>) -> std::io::Result<()>) -> Result<(), CloudFileError> {
-    let fail = fail(path);
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o644));
-    let temporary = builder.prefix(".mcvr-").suffix(".tmp").tempfile_in(folder).map_err(|e| fail(&e))?;
-    let mut out = BufWriter::with_capacity(1 << 18, temporary.as_file());
-    fill(&mut out).and_then(|()| out.flush()).map_err(|e| fail(&e))?;
-    drop(out);
-    temporary.persist(path).map(drop).map_err(|e| fail(&e.error))
+    film::write_whole(path, fill).map_err(|e| match e {
+        SceneError::File { path, problem } => CloudFileError { path, problem },
+        other => fail(path)(&other),
+    })
 }

@@ -6,7 +6,9 @@ use mcvr_harness::PhaseSeconds;
 use mcvr_mc::{OrderStatistics, Quicksorted, Stratified, Unsorted};
 use mcvr_qmc::{Scramble, SobolNet};
 use mcvr_raycast::{MarchOptions, RaycastError, ReferenceOptions, march, reference};
-use mcvr_sampling::{Distribution, PointStream, RenderOptions, Rendered, SamplingError, VoxelOrder, render};
+use mcvr_sampling::{
+    Distribution, PointStream, RenderOptions, Rendered, SamplingError, VoxelOrder, check_samples, render,
+};
 use mcvr_scene::{Camera, Density, DensityMap, Estimand, Image, Kernel, SceneError, Watch};
 use mcvr_volume::Volume;
 use serde_json::{Value, json};
@@ -166,6 +168,17 @@ fn sampled(
 /// Refuses budgets that a method's own limit forbids.
 pub(crate) fn check(request: &Request) -> Result<(), MakeError> {
     let Request { method, samples, .. } = *request;
+    check_samples(samples)?;
+    if method == Method::McQuicksort && samples > Method::QUICKSORT_LIMIT {
+        return Err(MakeError::Sampling(SamplingError::Limit {
+            method: "mc-quicksort",
+            problem: format!(
+                "{samples} samples to sort would take {} GiB; at most {}, or use mc, which draws them sorted",
+                samples >> 27,
+                Method::QUICKSORT_LIMIT
+            ),
+        }));
+    }
     if method == Method::McLinear && samples > Method::LINEAR_LIMIT {
         return Err(MakeError::Sampling(SamplingError::Limit {
             method: "mc-linear",

@@ -41,6 +41,9 @@ impl Method {
     /// Most samples that a linear search is let loose on.
     pub const LINEAR_LIMIT: u64 = 1 << 14;
 
+    /// Most samples that are sorted in memory: 8 GiB of targets.
+    pub const QUICKSORT_LIMIT: u64 = 1 << 30;
+
     /// Stable name, also on the command line.
     pub fn name(self) -> &'static str {
         match self {

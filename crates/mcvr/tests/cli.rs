@@ -125,7 +125,7 @@ fn what_cannot_be_done_is_one_line_with_exit_status_1_and_nothing_is_written() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("bad.toml"), "[image]\nsizes = [1, 2]\n").unwrap();
     std::fs::write(folder.path().join("zero.raw"), [0u8; 27]).unwrap();
-    let cases: [(&[&str], &str); 8] = [
+    let cases: [(&[&str], &str); 11] = [
         (&["render", "missing.nrrd", "-o", "a.png"], "missing.nrrd"),
         (&["render", "lobster", "-o", "a.png"], "phantom:lobster"),
         (&["render", "phantom:lobstr", "-o", "a.png"], "lobster"),
@@ -133,6 +133,9 @@ fn what_cannot_be_done_is_one_line_with_exit_status_1_and_nothing_is_written() {
         (&["render", "phantom:box@8", "-o", "none/a.png"], "none"),
         (&["render", "--scene", "bad.toml", "-o", "a.png"], "line 2"),
         (&["render", "zero.raw", "--dims", "3,3,3", "--type", "u8", "-o", "a.png"], "nothing can be drawn"),
+        (&["render", "phantom:box@8", "-n", "2^50", "--method", "mc", "-o", "a.png"], "at most 2^40"),
+        (&["render", "phantom:box@8", "-n", "2^50", "--method", "mc-quicksort", "-o", "a.png"], "at most 2^40"),
+        (&["render", "phantom:box@8", "-n", "2^36", "--method", "mc-quicksort", "-o", "a.png"], "use mc"),
         (&["render", "phantom:box@8", "--method", "exact", "--kernel", "shell", "-o", "a.png"], "shell"),
     ];
     for (args, expected) in cases {

@@ -77,7 +77,7 @@ pub fn write_within(
     let grey = || tone.apply(image, limits);
     let float = || -> Vec<f32> { image.values().iter().flat_map(|&v| [v as f32; 3]).collect() };
     let rgb32 = || ImageBuffer::<Rgb<f32>, _>::from_raw(w, h, float()).map(DynamicImage::ImageRgb32F);
-    replace(path, |out| match format {
+    write_whole(path, |out| match format {
         ImageFormat::Npy => write_npy(image, out),
         ImageFormat::Png8 => {
             let levels = grey().into_iter().map(|g| (g * 255.0).round() as u8).collect();
@@ -107,7 +107,7 @@ pub fn write_within(
 pub fn write_rgb8(extent: Extent, pixels: &[[u8; 3]], path: &Path) -> Result<(), SceneError> {
     let buffer =
         ImageBuffer::<Rgb<u8>, _>::from_raw(extent.width as u32, extent.height as u32, pixels.as_flattened().to_vec());
-    replace(path, |out| encode(buffer.map(Into::into), out, image::ImageFormat::Png))
+    write_whole(path, |out| encode(buffer.map(Into::into), out, image::ImageFormat::Png))
 }
 
 /// Writes 8-bit grey frames, each of `extent`, as an animated PNG that repeats for ever, `rate` frames a second.
@@ -115,7 +115,7 @@ pub fn write_rgb8(extent: Extent, pixels: &[[u8; 3]], path: &Path) -> Result<(),
 /// # Errors
 /// As [`write()`]; also for no frames, more than 2^31 - 1, a side beyond 2^31 - 1, or a frame of another size.
 pub fn write_animation(frames: &[Vec<u8>], extent: Extent, path: &Path, rate: u16) -> Result<(), SceneError> {
-    replace(path, |out| {
+    write_whole(path, |out| {
         if frames.is_empty() || frames.iter().any(|f| f.len() != extent.pixels()) {
             return Err(format!("{} frames: at least one, each of {extent} pixels", frames.len()));
         }
@@ -151,32 +151,30 @@ fn write_npy(image: &Image, out: &mut impl Write) -> Result<(), String> {
     writer.extend(image.values().iter().copied()).and_then(|()| writer.finish()).map_err(|e| e.to_string())
 }
 
-/// Writes to a temporary file in the target's folder, then renames it over the target.
-fn replace(path: &Path, fill: impl FnOnce(&mut BufWriter<&File>) -> Result<(), String>) -> Result<(), SceneError> {
+/// Writes a file by `fill` into a temporary one in the same folder, then renames it over the target: whatever goes
+/// wrong, the target is whole or as it was.
+///
+/// # Errors
+/// [`SceneError::File`] with what `fill` or the operating system said.
+pub fn write_whole<E: std::fmt::Display>(
+    path: &Path,
+    fill: impl FnOnce(&mut BufWriter<&File>) -> Result<(), E>,
+) -> Result<(), SceneError> {
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let temporary = tempfile::Builder::new()
+    let mut builder = tempfile::Builder::new();
+    // Temporary files are private by default; this one becomes an ordinary file, less what the umask takes.
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    let temporary = builder
         .prefix(".mcvr-")
         .suffix(".tmp")
         .tempfile_in(folder)
         .map_err(|e| fail(path, format!("cannot write into '{}': {e}", folder.display())))?;
-    let mut out = BufWriter::new(temporary.as_file());
+    let mut out = BufWriter::with_capacity(1 << 18, temporary.as_file());
     fill(&mut out).map_err(|e| fail(path, e))?;
     out.flush().map_err(|e| fail(path, e))?;
     drop(out);
-    make_readable(&temporary).map_err(|e| fail(path, e))?;
-    temporary.persist(path).map(|_| ()).map_err(|e| fail(path, e.error))
-}
-
-/// Temporary files are private; an image gets the mode that a newly made file has under the usual umask.
-#[cfg(unix)]
-fn make_readable(file: &tempfile::NamedTempFile) -> std::io::Result<()> {
-    use std::os::unix::fs::PermissionsExt;
-    file.as_file().set_permissions(std::fs::Permissions::from_mode(0o644))
-}
-
-#[cfg(not(unix))]
-fn make_readable(_: &tempfile::NamedTempFile) -> std::io::Result<()> {
-    Ok(())
+    temporary.persist(path).map(drop).map_err(|e| fail(path, e.error))
 }
 
 /// Reads an image: `.npy` (any float or integer type, 2-D), `.exr` and `.tiff` (first channel), `.png` (grey

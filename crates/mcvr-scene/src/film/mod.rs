@@ -5,7 +5,7 @@ mod tone;
 
 use crate::{Extent, SceneError};
 
-pub use file::{ImageFormat, read, write, write_animation, write_rgb8, write_within};
+pub use file::{ImageFormat, read, write, write_animation, write_rgb8, write_whole, write_within};
 pub use tone::{Curve, Tone, diverging_rgb};
 
 /// An image of linear values, row by row from the top, `f64`.

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use mcvr::scene::film::{self, ImageFormat};
 use mcvr::scene::{Transfer, Watch};
 use mcvr::{Made, Method, make};
@@ -90,8 +90,8 @@ fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
     let (method, samples) = (setup.request.method, setup.request.samples);
     if method == Method::Qmc && !samples.is_power_of_two() && !quiet {
         eprintln!(
-            "mcvr: note: {samples} is no power of two, so the net is uneven at its end (measured at 10^6: about 4 % more \
-             error than a power of two would leave); {} or {} samples are better spent",
+            "mcvr: note: {samples} is no power of two, so the net is uneven at its end (at 10^6 the error was measured within \
+             5 % of what a power of two would leave); {} or {} samples are evenest",
             samples.next_power_of_two() / 2,
             samples.next_power_of_two()
         );
@@ -166,13 +166,7 @@ pub fn write_json(path: &Path, value: &Value) -> anyhow::Result<()> {
         std::io::stdout().write_all(text.as_bytes())?;
         return Ok(());
     }
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let name = path.file_name().and_then(|n| n.to_str()).unwrap_or("json");
-    let temporary = folder.join(format!(".{name}.{}.tmp", std::process::id()));
-    std::fs::write(&temporary, text)
-        .and_then(|()| std::fs::rename(&temporary, path))
-        .inspect_err(|_| drop(std::fs::remove_file(&temporary)))
-        .with_context(|| format!("{}", path.display()))
+    Ok(film::write_whole(path, |out| out.write_all(text.as_bytes()))?)
 }
 
 fn summarise(setup: &Setup, made: &Made, outputs: &[PathBuf]) {

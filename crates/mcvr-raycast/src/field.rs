@@ -106,7 +106,7 @@ fn table<F: Real, const N: usize>(density: &Density) -> Table<F, N> {
 /// The map as [`Rescaled`], when it is the identity.
 fn rescaled(density: &Density) -> Option<Rescaled> {
     let map = density.map();
-    let plain = map.transfer == Transfer::Identity && map.emphasis.is_none();
+    let plain = map.transfer == Transfer::Identity && map.emphasis.is_none() && map.gains.is_none();
     plain.then(|| Rescaled { slope: density.volume().slope(), intercept: density.volume().intercept() })
 }
 

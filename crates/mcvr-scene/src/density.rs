@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::SceneError;
+use crate::effects::Gains;
 
 /// Voxels summed as one unit: sums do not depend on the number of threads.
 const CHUNK: usize = 1 << 16;
@@ -63,6 +64,9 @@ pub struct DensityMap {
     pub emphasis: Option<Emphasis>,
     /// What to do with negative weights.
     pub negative: NegativePolicy,
+    /// Factors by isovalue, as [materials](crate::Effects::gains) ask for them; scene files do not write them here.
+    #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
+    pub gains: Option<Gains>,
 }
 
 impl DensityMap {
@@ -108,9 +112,13 @@ impl DensityMap {
             Transfer::Hounsfield { mu_water } => mu_water * (1.0 + isovalue / 1000.0),
             Transfer::Piecewise(points) => piecewise(points, isovalue),
         };
-        match self.emphasis {
+        let w = match self.emphasis {
             Some(e) if isovalue >= e.threshold => w * e.gain,
             _ => w,
+        };
+        match &self.gains {
+            Some(g) => w * g.at(isovalue),
+            None => w,
         }
     }
 }

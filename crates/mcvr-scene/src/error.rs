@@ -12,6 +12,9 @@ pub enum SceneError {
     /// The density map cannot be applied to this volume.
     #[error("density map: {0}")]
     Density(String),
+    /// An effect's parameter is out of range, or two contradict each other.
+    #[error("effects: {0}")]
+    Effects(String),
     /// An image has an unusable size, or two images do not match.
     #[error("image: {0}")]
     Image(String),

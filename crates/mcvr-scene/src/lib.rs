@@ -1,11 +1,12 @@
 //! What an X-ray image is made of, apart from how it is computed: the [`Camera`], the reconstruction
-//! [`Kernel`], the [`Density`] (a volume seen through a [`DensityMap`]), the [`Estimand`], and the
+//! [`Kernel`], the [`Density`] (a volume seen through a [`DensityMap`]), the [`Estimand`], the [`Effects`], and the
 //! [`Image`] with its files and tones.
 //!
-//! Terms and mathematics follow METHOD sections 1 and 2.
+//! Terms and mathematics follow METHOD sections 1, 2 and 5.
 
 mod camera;
 mod density;
+pub mod effects;
 mod error;
 mod estimand;
 pub mod film;
@@ -14,6 +15,7 @@ mod watch;
 
 pub use camera::{Camera, Extent, Ray, View};
 pub use density::{Density, DensityMap, Emphasis, MassReport, NegativePolicy, Transfer, WeightFn, WeightLookup};
+pub use effects::{Effects, Look};
 pub use error::SceneError;
 pub use estimand::Estimand;
 pub use film::Image;

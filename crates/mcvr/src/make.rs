@@ -9,7 +9,7 @@ use mcvr_raycast::{MarchOptions, RaycastError, ReferenceOptions, march, referenc
 use mcvr_sampling::{
     Distribution, PointStream, RenderOptions, Rendered, SamplingError, VoxelOrder, check_samples, render,
 };
-use mcvr_scene::{Camera, Density, DensityMap, Estimand, Image, Kernel, SceneError, Watch};
+use mcvr_scene::{Camera, Density, DensityMap, Effects, Estimand, Image, Kernel, SceneError, Watch};
 use mcvr_volume::Volume;
 use serde_json::{Value, json};
 
@@ -24,12 +24,21 @@ pub struct Scenery {
     pub map: DensityMap,
     /// The view.
     pub camera: Camera,
+    /// What there is on top of the plain X-ray.
+    pub effects: Effects,
 }
 
 impl Scenery {
-    /// Joins the three.
+    /// A plain X-ray of the three.
     pub fn new(volume: Volume, map: DensityMap, camera: Camera) -> Self {
-        Self { volume, map, camera }
+        Self { volume, map, camera, effects: Effects::default() }
+    }
+
+    /// The same with effects; their materials' weights go into the density map.
+    pub fn with_effects(mut self, effects: Effects) -> Self {
+        self.map.gains = effects.gains();
+        self.effects = effects;
+        self
     }
 }
 
@@ -76,8 +85,10 @@ impl Default for Request {
 /// An image and what it took.
 #[derive(Clone, Debug)]
 pub struct Made {
-    /// Linear values.
+    /// Linear values; of a coloured scene the mean of the three channels.
     pub image: Image,
+    /// Red, green and blue, of a coloured scene.
+    pub colour: Option<[Image; 3]>,
     /// Wall time by phase.
     pub seconds: PhaseSeconds,
     /// Total mass `F`, and what the density map dropped.
@@ -147,6 +158,7 @@ fn sampled(
     let Rendered { image, counters, seconds, precision } = render(&distribution, &*stream, camera, &options, watch)?;
     Ok(Made {
         image,
+        colour: None,
         seconds: PhaseSeconds {
             distribution: distribution_seconds,
             sampling: drawn + seconds.sampling,
@@ -222,13 +234,22 @@ fn cast(
         let made = march(density, camera, &options, watch)?;
         let counters = json!({ "rays_per_pixel": rays_per_pixel, "march": made.counters });
         let samples = u64::from(rays_per_pixel) * camera.extent().pixels() as u64;
-        return Ok(Made { image: made.image, seconds: phases(made.seconds), mass, samples, counters, error: None });
+        return Ok(Made {
+            image: made.image,
+            colour: None,
+            seconds: phases(made.seconds),
+            mass,
+            samples,
+            counters,
+            error: None,
+        });
     }
     let options = ReferenceOptions { kernel, estimand, tolerance: request.tolerance, ..ReferenceOptions::default() };
     let made = reference(density, camera, &options, watch)?;
     let counters = json!({ "reference": made.counters, "depth_limited": made.error.depth_limited });
     Ok(Made {
         image: made.image,
+        colour: None,
         seconds: phases(made.seconds),
         mass,
         samples: made.counters.rays,

@@ -54,6 +54,7 @@ pub fn setup(
         transfer: density.map.clone().unwrap_or(base.transfer),
         emphasis: density.emphasis().or(base.emphasis),
         negative: density.negative.unwrap_or(base.negative),
+        gains: None,
     };
     let (camera, view) = camera(view, &scene, loaded.volume.grid())?;
     let defaults = Request::default();

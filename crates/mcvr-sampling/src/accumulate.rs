@@ -25,7 +25,11 @@ impl Totals {
     }
 
     fn add(&self, pixel: u32, amount: u64) {
-        self.sums[pixel as usize].fetch_add(amount, Ordering::Relaxed);
+        self.add_at(pixel as usize, amount);
+    }
+
+    fn add_at(&self, slot: usize, amount: u64) {
+        self.sums[slot].fetch_add(amount, Ordering::Relaxed);
     }
 
     /// A worker's way in.
@@ -86,6 +90,32 @@ impl Worker<'_> {
                 pixels.iter().zip(&weights.narrow).for_each(|(&p, &w)| self.totals.add(p, u64::from(w)));
             }
             (Own::Shared, true, false) => pixels.iter().zip(&weights.wide).for_each(|(&p, &w)| self.totals.add(p, w)),
+        }
+    }
+
+    /// Adds a batch of several channels: `channels` amounts side by side for each pixel.
+    pub(crate) fn add_channels(&mut self, channels: usize, pixels: &[u32], amounts: &[u64]) {
+        match (&mut self.own, channels) {
+            (Own::Weights(sums), 1) => {
+                for (&p, &a) in pixels.iter().zip(amounts) {
+                    sums[p as usize] += a;
+                }
+            }
+            (Own::Weights(sums), _) => {
+                for (&p, amounts) in pixels.iter().zip(amounts.chunks_exact(channels)) {
+                    let first = p as usize * channels;
+                    for (sum, a) in sums[first..first + channels].iter_mut().zip(amounts) {
+                        *sum += a;
+                    }
+                }
+            }
+            (Own::Shared | Own::Counts(_), _) => {
+                for (&p, amounts) in pixels.iter().zip(amounts.chunks_exact(channels)) {
+                    for (c, &a) in amounts.iter().enumerate() {
+                        self.totals.add_at(p as usize * channels + c, a);
+                    }
+                }
+            }
         }
     }
 

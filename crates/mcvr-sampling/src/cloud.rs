@@ -250,11 +250,14 @@ pub fn project_cloud(
     let projection = Projection::new(&cloud.grid, camera, cloud.kernel, samples, options.precision)?;
     let projector = projection.stored_projector(options.estimand, level);
     let exposure = Exposure { camera, estimand: options.estimand, samples, mass: cloud.mass };
-    exposure.run(&projection, start, watch, |block, len, scratch, _| {
+    exposure.run(&projection, start, watch, |block, scratch, film, _| {
         let drawn = Instant::now();
+        let len = scratch.pixels.len();
         let first = block as usize * BLOCK;
         let [x, y, z] = &cloud.positions;
         let batch = [x, y, z].map(|s| &s[first..first + len]);
-        (projector.project(batch, &mut scratch.pixels, &mut scratch.weights), drawn)
+        let lost = projector.project(batch, &mut scratch.pixels, &mut scratch.weights);
+        film.add(&scratch.pixels, &scratch.weights);
+        (lost, drawn)
     })
 }

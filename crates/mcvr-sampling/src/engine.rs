@@ -4,12 +4,13 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-use mcvr_scene::{Camera, Estimand, Image, Kernel, Watch};
+use mcvr_scene::{Camera, Estimand, Image, Kernel, Look, Watch};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::accumulate::Totals;
-use crate::find::locator;
+use crate::accumulate::{Totals, Worker};
+use crate::effects::{EffectPasses, Layers};
+use crate::find::{Locate, locator};
 use crate::project::{Lost, Projection};
 use crate::real::Weights;
 use crate::stream::check_samples;
@@ -29,6 +30,19 @@ pub struct RenderOptions {
     pub simd: Option<SimdLevel>,
     /// Arithmetic of the projection; `None` for the cheapest that is exact to 1/64 pixel.
     pub precision: Option<Precision>,
+    /// Where shading takes its gradients from.
+    pub gradients: GradientSource,
+}
+
+/// Where shading takes its gradients from. Both give the same numbers up to rounding to 24 bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum GradientSource {
+    /// The voxels around each sample, read when the sample is shaded: no memory.
+    #[default]
+    Lazy,
+    /// A field of the gradients of all voxels, computed first: 12 bytes a voxel.
+    Stored,
 }
 
 /// Exact counts of the work done for one image. They depend on the request only, not on threads.
@@ -48,6 +62,18 @@ pub struct Counters {
     pub voxels_read: u64,
     /// `line` weights computed.
     pub line_weights: u64,
+    /// Gradients interpolated at samples, for shading.
+    pub gradients: u64,
+    /// Voxels (or stored gradients) read for them.
+    pub gradient_reads: u64,
+    /// Voxels of a stored gradient field; 0 when there is none.
+    pub gradient_field: u64,
+    /// Distances to the light computed for the depth cue.
+    pub depth_cues: u64,
+    /// Colours of drawn voxels looked up, for materials.
+    pub voxel_colours: u64,
+    /// Colours of depths looked up.
+    pub depth_colours: u64,
 }
 
 impl Counters {
@@ -59,6 +85,12 @@ impl Counters {
         self.bricks_decoded += o.bricks_decoded;
         self.voxels_read += o.voxels_read;
         self.line_weights += o.line_weights;
+        self.gradients += o.gradients;
+        self.gradient_reads += o.gradient_reads;
+        self.gradient_field += o.gradient_field;
+        self.depth_cues += o.depth_cues;
+        self.voxel_colours += o.voxel_colours;
+        self.depth_colours += o.depth_colours;
     }
 }
 
@@ -77,8 +109,10 @@ pub struct PhaseSeconds {
 /// An image made of samples.
 #[derive(Clone, Debug)]
 pub struct Rendered {
-    /// Linear values of the estimand.
+    /// Linear values of the estimand; of a coloured image the mean of its channels.
     pub image: Image,
+    /// Red, green and blue, where the look has colours.
+    pub colour: Option<[Image; 3]>,
     /// What was done.
     pub counters: Counters,
     /// How long it took.
@@ -110,15 +144,72 @@ pub fn render(
     let projector = projection.projector(options.kernel, options.estimand, level);
     let locator = locator(distribution, level);
     let exposure = Exposure { camera, estimand: options.estimand, samples, mass: density.mass() };
-    exposure.run(&projection, start, watch, |block, len, scratch, counters| {
-        scratch.points.resize(len);
-        scratch.places.iter_mut().for_each(|p| p.resize(len, 0));
-        stream.fill(block, distribution.total(), &mut scratch.points);
-        locator.locate(stream.search(), &scratch.points.targets, &mut scratch.places, counters);
-        let located = Instant::now();
-        let Scratch { points, places, pixels, weights } = scratch;
-        (projector.project(places, &points.uniforms, pixels, weights), located)
+    exposure.run(&projection, start, watch, |block, scratch, film, counters| {
+        let located = draw(distribution, stream, &*locator, block, scratch, counters);
+        let Scratch { points, places, pixels, weights, .. } = scratch;
+        let lost = projector.project(places, &points.uniforms, pixels, weights);
+        film.add(pixels, weights);
+        (lost, located)
     })
+}
+
+/// As [`render`], with the effects of a look (METHOD section 5): a pixel is the same sum with each sample's term times the
+/// look's factor there, one image per channel. A plain look is rendered by [`render`] itself.
+///
+/// # Errors
+/// As [`render`]; also [`SamplingError::Limit`] when there is no memory for a gradient field.
+pub fn render_look(
+    distribution: &Distribution<'_>,
+    stream: &dyn PointStream,
+    camera: &Camera,
+    look: &Look,
+    options: &RenderOptions,
+    watch: &Watch<'_>,
+) -> Result<Rendered, SamplingError> {
+    if look.is_plain() {
+        return render(distribution, stream, camera, options, watch);
+    }
+    let start = Instant::now();
+    let samples = stream.samples();
+    check_samples(samples)?;
+    let level = SimdLevel::choose(options.simd);
+    let density = distribution.density();
+    let projection = Projection::new(density.volume().grid(), camera, options.kernel, samples, options.precision)?;
+    let projector = projection.projector(options.kernel, options.estimand, level);
+    let locator = locator(distribution, level);
+    let effects = EffectPasses::new(density, camera, look, &projection, options, level)?;
+    let miss = camera.extent().pixels() as u32;
+    let exposure = Exposure { camera, estimand: options.estimand, samples, mass: density.mass() };
+    let number = look.channels();
+    let channels = Channels { number, weighed: true, unit: effects.unit(options.estimand), tint: look.tint };
+    let finished = exposure.run_channels(&projection, &channels, start, watch, |block, scratch, film, counters| {
+        let located = draw(distribution, stream, &*locator, block, scratch, counters);
+        let Scratch { points, places, pixels, weights, .. } = scratch;
+        let lost = projector.project(places, &points.uniforms, pixels, weights);
+        effects.apply(scratch, miss, counters);
+        film.add_channels(number, &scratch.layers.pixels, &scratch.layers.amounts);
+        (lost, located)
+    });
+    let mut rendered = finished?;
+    rendered.counters.gradient_field = effects.field_voxels();
+    Ok(rendered)
+}
+
+/// Draws a block's points and finds their voxels.
+fn draw(
+    distribution: &Distribution<'_>,
+    stream: &dyn PointStream,
+    locator: &dyn Locate,
+    block: u64,
+    scratch: &mut Scratch,
+    counters: &mut Counters,
+) -> Instant {
+    let len = block_len(stream.samples(), block);
+    scratch.points.resize(len);
+    scratch.places.iter_mut().for_each(|p| p.resize(len, 0));
+    stream.fill(block, distribution.total(), &mut scratch.points);
+    locator.locate(stream.search(), &scratch.points.targets, &mut scratch.places, counters);
+    Instant::now()
 }
 
 /// Exposes an image to batches of samples, whatever they come from.
@@ -131,24 +222,36 @@ pub(crate) struct Exposure<'a> {
 }
 
 impl Exposure<'_> {
-    /// Runs over all blocks on the current pool. `batch` fills pixels and weights of a block and says how many
-    /// samples were in no pixel and when its points were drawn.
+    /// One channel of plain samples; see [`Self::run_channels`].
     pub(crate) fn run(
         &self,
         projection: &Projection,
         start: Instant,
         watch: &Watch<'_>,
-        batch: impl Fn(u64, usize, &mut Scratch, &mut Counters) -> (Lost, Instant) + Sync,
+        batch: impl Fn(u64, &mut Scratch, &mut Worker<'_>, &mut Counters) -> (Lost, Instant) + Sync,
+    ) -> Result<Rendered, SamplingError> {
+        self.run_channels(projection, &Channels::plain(self.estimand), start, watch, batch)
+    }
+
+    /// Runs over all blocks on the current pool. `batch` fills the pixels of a block, adds it to the worker's film, and says
+    /// how many samples were in no pixel and when its points were drawn.
+    pub(crate) fn run_channels(
+        &self,
+        projection: &Projection,
+        channels: &Channels,
+        start: Instant,
+        watch: &Watch<'_>,
+        batch: impl Fn(u64, &mut Scratch, &mut Worker<'_>, &mut Counters) -> (Lost, Instant) + Sync,
     ) -> Result<Rendered, SamplingError> {
         let Self { camera, estimand, samples, mass } = *self;
         let line = estimand == Estimand::Line;
         let blocks = block_count(samples);
         let workers = (rayon::current_num_threads() as u64).min(blocks.div_ceil(TAKE)) as usize;
-        let totals = Totals::new(camera.extent().pixels(), workers);
+        let totals = Totals::new(channels.number * camera.extent().pixels(), workers);
         let next = AtomicU64::new(0);
         let sum = Mutex::new((Counters::default(), [0.0f64; 2]));
         (0..workers).into_par_iter().with_max_len(1).for_each(|_| {
-            let mut film = totals.worker(line);
+            let mut film = totals.worker(channels.weighed);
             let mut scratch = Scratch::default();
             let mut counters = Counters::default();
             let mut thread_seconds = [0.0; 2];
@@ -161,8 +264,7 @@ impl Exposure<'_> {
                     let len = block_len(samples, block);
                     let t0 = Instant::now();
                     scratch.pixels.resize(len, 0);
-                    let (lost, t1) = batch(block, len, &mut scratch, &mut counters);
-                    film.add(&scratch.pixels, &scratch.weights);
+                    let (lost, t1) = batch(block, &mut scratch, &mut film, &mut counters);
                     let t2 = Instant::now();
                     counters.samples += len as u64;
                     counters.outside += u64::from(lost.beside);
@@ -187,14 +289,50 @@ impl Exposure<'_> {
             Estimand::Count => 1.0 / samples as f64,
             Estimand::Line => mass / samples as f64 * camera.det() * projection.weight_unit(),
         };
-        let image = Image::from_values(camera.extent(), totals.into_values(unit))
-            .map_err(|e| SamplingError::Camera(e.to_string()))?;
+        let (image, colour) = channels.develop(camera, totals.into_values(unit * channels.unit))?;
         let (counters, thread_seconds) = sum.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
         let total = start.elapsed().as_secs_f64();
         let share = total / (thread_seconds[0] + thread_seconds[1]).max(1e-12);
         let seconds =
             PhaseSeconds { sampling: thread_seconds[0] * share, projection: thread_seconds[1] * share, total };
-        Ok(Rendered { image, counters, seconds, precision: projection.precision() })
+        Ok(Rendered { image, colour, counters, seconds, precision: projection.precision() })
+    }
+}
+
+/// What a film's sums mean.
+pub(crate) struct Channels {
+    /// Sums a pixel.
+    pub number: usize,
+    /// False when every sample adds 1.
+    pub weighed: bool,
+    /// What an amount of 1 stands for.
+    pub unit: f64,
+    /// Factor on the finished channels.
+    pub tint: [f64; 3],
+}
+
+impl Channels {
+    fn plain(estimand: Estimand) -> Self {
+        Self { number: 1, weighed: estimand == Estimand::Line, unit: 1.0, tint: [1.0; 3] }
+    }
+
+    /// Separates channels that lie side by side, and tints them.
+    fn develop(&self, camera: &Camera, values: Vec<f64>) -> Result<(Image, Option<[Image; 3]>), SamplingError> {
+        let Self { number, tint, .. } = *self;
+        let wrap = |values: Vec<f64>| {
+            Image::from_values(camera.extent(), values).map_err(|e| SamplingError::Camera(e.to_string()))
+        };
+        if number == 1 && tint.iter().all(|t| *t == tint[0]) {
+            let mut image = wrap(values)?;
+            if tint[0] != 1.0 {
+                image.values_mut().iter_mut().for_each(|v| *v *= tint[0]);
+            }
+            return Ok((image, None));
+        }
+        let plane = |c: usize| wrap(values.iter().skip(c % number).step_by(number).map(|v| v * tint[c]).collect());
+        let colour = [plane(0)?, plane(1)?, plane(2)?];
+        let mean = (0..colour[0].values().len()).map(|i| colour.iter().map(|p| p.values()[i]).sum::<f64>() / 3.0);
+        Ok((wrap(mean.collect())?, Some(colour)))
     }
 }
 
@@ -205,4 +343,5 @@ pub(crate) struct Scratch {
     pub places: [Vec<u32>; 3],
     pub pixels: Vec<u32>,
     pub weights: Weights,
+    pub layers: Layers,
 }

@@ -11,6 +11,7 @@
 mod accumulate;
 mod cloud;
 mod distribution;
+mod effects;
 mod engine;
 mod error;
 mod find;
@@ -28,7 +29,7 @@ mod units;
 
 pub use cloud::{Cloud, ProjectOptions, Provenance, project_cloud, sample};
 pub use distribution::{Distribution, DistributionCounters};
-pub use engine::{Counters, PhaseSeconds, RenderOptions, Rendered, render};
+pub use engine::{Counters, GradientSource, PhaseSeconds, RenderOptions, Rendered, render, render_look};
 pub use error::SamplingError;
 pub use order::VoxelOrder;
 pub use project::Precision;

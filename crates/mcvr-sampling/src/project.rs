@@ -153,6 +153,11 @@ impl Projection {
         self.largest_weight / (1u64 << self.bits) as f64
     }
 
+    /// Bits of a fixed-point weight.
+    pub(crate) fn weight_bits(&self) -> u32 {
+        self.bits
+    }
+
     pub(crate) fn params<R: Real>(&self) -> Params<R> {
         let (w, h) = (self.extent.width, self.extent.height);
         Params {

@@ -15,6 +15,7 @@ pub(crate) trait Real:
     fn lit(v: f64) -> Self;
     fn from_i32(v: i32) -> Self;
     fn from_f32(v: f32) -> Self;
+    fn to_f64(self) -> f64;
     /// Uniform in (0, 1) from 32 bits, symmetric about 1/2.
     fn uniform(word: u32) -> Self;
     fn sqrt(self) -> Self;
@@ -50,6 +51,10 @@ impl Real for f32 {
     #[inline(always)]
     fn from_f32(v: f32) -> Self {
         v
+    }
+    #[inline(always)]
+    fn to_f64(self) -> f64 {
+        f64::from(self)
     }
     #[inline(always)]
     fn uniform(word: u32) -> Self {
@@ -90,6 +95,10 @@ impl Real for f64 {
     #[inline(always)]
     fn from_f32(v: f32) -> Self {
         f64::from(v)
+    }
+    #[inline(always)]
+    fn to_f64(self) -> f64 {
+        self
     }
     #[inline(always)]
     fn uniform(word: u32) -> Self {

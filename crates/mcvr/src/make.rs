@@ -7,7 +7,7 @@ use mcvr_mc::{OrderStatistics, Quicksorted, Stratified, Unsorted};
 use mcvr_qmc::{Scramble, SobolNet};
 use mcvr_raycast::{MarchOptions, RaycastError, ReferenceOptions, march, reference};
 use mcvr_sampling::{
-    Distribution, PointStream, RenderOptions, Rendered, SamplingError, VoxelOrder, check_samples, render,
+    Distribution, PointStream, RenderOptions, Rendered, SamplingError, VoxelOrder, check_samples, render_look,
 };
 use mcvr_scene::{Camera, Density, DensityMap, Effects, Estimand, Image, Kernel, SceneError, Watch};
 use mcvr_volume::Volume;
@@ -131,7 +131,7 @@ pub fn make(scenery: &Scenery, request: &Request, watch: &Watch<'_>) -> Result<M
     let start = Instant::now();
     let density = Density::new(&scenery.volume, scenery.map.clone())?;
     let mut made = if request.method.samples_volume() {
-        sampled(&density, &scenery.camera, request, watch, start)?
+        sampled(&density, scenery, request, watch, start)?
     } else {
         cast(&density, &scenery.camera, request, watch, start)?
     };
@@ -141,13 +141,15 @@ pub fn make(scenery: &Scenery, request: &Request, watch: &Watch<'_>) -> Result<M
 
 fn sampled(
     density: &Density,
-    camera: &Camera,
+    scenery: &Scenery,
     request: &Request,
     watch: &Watch<'_>,
     start: Instant,
 ) -> Result<Made, MakeError> {
     let samples = request.samples;
     check(request)?;
+    let camera = &scenery.camera;
+    let look = scenery.effects.look(density.volume().grid(), camera)?;
     let order = request.order.resolve(camera, density.volume().grid());
     let distribution = Distribution::new(density, order)?;
     let distribution_seconds = start.elapsed().as_secs_f64();
@@ -155,10 +157,11 @@ fn sampled(
     let stream = point_stream(request, distribution.total());
     let drawn = drawing.elapsed().as_secs_f64();
     let options = RenderOptions { estimand: request.estimand, kernel: request.kernel, ..RenderOptions::default() };
-    let Rendered { image, counters, seconds, precision } = render(&distribution, &*stream, camera, &options, watch)?;
+    let Rendered { image, colour, counters, seconds, precision } =
+        render_look(&distribution, &*stream, camera, &look, &options, watch)?;
     Ok(Made {
         image,
-        colour: None,
+        colour,
         seconds: PhaseSeconds {
             distribution: distribution_seconds,
             sampling: drawn + seconds.sampling,

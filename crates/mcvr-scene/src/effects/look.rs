@@ -136,11 +136,14 @@ impl Look {
     /// Lambert's factor for a gradient (any length) at a world position: 0 for no gradient, or with the light there.
     pub fn lambert(&self, sides: Sides, x: DVec3, gradient: DVec3) -> f64 {
         let to_light = self.light.unwrap_or(DVec3::ZERO) - x;
-        let scale = (gradient.length_squared() * to_light.length_squared()).sqrt();
-        if scale == 0.0 {
+        // The largest component first, so that squares neither overflow nor vanish.
+        let largest = gradient.abs().max_element();
+        let normal = gradient / largest;
+        let scale = (normal.length_squared() * to_light.length_squared()).sqrt();
+        if largest == 0.0 || scale == 0.0 {
             return 0.0;
         }
-        let cosine = -gradient.dot(to_light) / scale;
+        let cosine = -normal.dot(to_light) / scale;
         match sides {
             Sides::One => cosine.max(0.0),
             Sides::Two => cosine.abs(),

@@ -56,7 +56,7 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     let watch = Watch { progress: Some(&advance), cancel: Some(&cancel) };
     let made = project_cloud(&cloud, &camera, &ProjectOptions { estimand, ..ProjectOptions::default() }, &watch);
     bar.finish_and_clear();
-    let Rendered { image, counters, seconds, precision } = match made {
+    let Rendered { image, counters, seconds, precision, .. } = match made {
         Err(SamplingError::Cancelled) => return Err(anyhow::Error::new(Interrupted)),
         other => other?,
     };

@@ -249,7 +249,7 @@ pub fn project_cloud(
     let level = SimdLevel::choose(options.simd);
     let projection = Projection::new(&cloud.grid, camera, cloud.kernel, samples, options.precision)?;
     let projector = projection.stored_projector(options.estimand, level);
-    let exposure = Exposure { camera, estimand: options.estimand, samples, mass: cloud.mass };
+    let exposure = Exposure { camera, estimand: options.estimand, samples, mass: cloud.mass, share: 1.0 };
     exposure.run(&projection, start, watch, |block, scratch, film, _| {
         let drawn = Instant::now();
         let len = scratch.pixels.len();

@@ -2,11 +2,12 @@
 
 use std::borrow::Cow;
 
-use mcvr_scene::Density;
+use mcvr_scene::{Camera, Density, Kernel};
 use mcvr_volume::with_voxels;
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::frustum::{Frustum, Sight};
 use crate::order::{AnyLayout, BRICK, Layout, with_layout};
 use crate::units::{UnitWeights, Word, with_units};
 use crate::{SamplingError, VoxelOrder};
@@ -20,6 +21,10 @@ pub struct DistributionCounters {
     pub bricks: u64,
     /// Bricks whose weights are all zero.
     pub empty_bricks: u64,
+    /// Bricks that the camera cannot see because they lie beside the image: not read.
+    pub bricks_beside: u64,
+    /// Bricks that the camera cannot see because they lie in front of its near plane.
+    pub bricks_near: u64,
     /// Bytes held beside the volume.
     pub bytes: u64,
 }
@@ -38,6 +43,9 @@ pub struct Distribution<'a> {
     pub(crate) before: Vec<u64>,
     order: VoxelOrder,
     counters: DistributionCounters,
+    /// Mass of the bricks that can be drawn, and of those cut off by the near plane.
+    mass: f64,
+    near_mass: f64,
 }
 
 impl<'a> Distribution<'a> {
@@ -50,13 +58,32 @@ impl<'a> Distribution<'a> {
     /// [`SamplingError::Limit`] when the volume is too large for the order, [`SamplingError::Empty`] when the
     /// weights sum to nothing or to 2^63 or more.
     pub fn new(density: &'a Density, order: VoxelOrder) -> Result<Self, SamplingError> {
+        Self::of(density, order, None)
+    }
+
+    /// As [`Distribution::new`], of those bricks only of which a camera can see samples under a kernel. An image by that camera
+    /// has the same expectation with it, and all samples go where they count. Bricks beside the image are not read; those
+    /// in front of the near plane are, for [`Distribution::near_mass`].
+    ///
+    /// # Errors
+    /// As [`Distribution::new`], but nothing to see is no error: the total is then 0.
+    pub fn in_view(
+        density: &'a Density,
+        order: VoxelOrder,
+        camera: &Camera,
+        kernel: Kernel,
+    ) -> Result<Self, SamplingError> {
+        Self::of(density, order, Some(&Frustum::new(camera, density.volume().grid(), kernel)))
+    }
+
+    fn of(density: &'a Density, order: VoxelOrder, frustum: Option<&Frustum>) -> Result<Self, SamplingError> {
         let volume = density.volume();
         let layout = AnyLayout::new(order, volume.grid().dims())?;
         let weights = UnitWeights::of(density);
-        let (mut before, voxels_read) = with_layout!(&layout, l => with_voxels!(volume.voxels(), v =>
-            with_units!(&weights, density, u => brick_totals(l, &v[..], u))));
+        let (mut before, tally) = with_layout!(&layout, l => with_voxels!(volume.voxels(), v =>
+            with_units!(&weights, density, u => brick_totals(l, &v[..], u, frustum))));
         let bricks = before.len() as u64;
-        let empty_bricks = before.iter().filter(|t| **t == 0).count() as u64;
+        let empty_bricks = before.iter().filter(|t| **t == 0).count() as u64 - tally.beside - tally.near;
         let mut sum = 0u64;
         for b in &mut before {
             let next = sum.checked_add(*b).filter(|s| *s < 1 << 63);
@@ -65,13 +92,34 @@ impl<'a> Distribution<'a> {
                 next.ok_or_else(|| SamplingError::Empty("the integer weights sum to 2^63 or more".into()))?,
             );
         }
-        if sum == 0 {
+        let culled = tally.beside + tally.near > 0;
+        if sum == 0 && !culled {
             return Err(SamplingError::Empty("every voxel's share of the whole rounds to zero".into()));
         }
         before.push(sum);
         let bytes = (before.capacity() * size_of::<u64>() + layout.bytes()) as u64;
-        let counters = DistributionCounters { voxels_read, bricks, empty_bricks, bytes };
-        Ok(Self { density: Cow::Borrowed(density), layout, weights, before, order, counters })
+        let counters = DistributionCounters {
+            voxels_read: tally.read,
+            bricks,
+            empty_bricks,
+            bricks_beside: tally.beside,
+            bricks_near: tally.near,
+            bytes,
+        };
+        let unit_mass = density.mass() / weights.whole(density);
+        let mass = if culled { sum as f64 * unit_mass } else { density.mass() };
+        let near_mass = tally.near_units as f64 * unit_mass;
+        Ok(Self { density: Cow::Borrowed(density), layout, weights, before, order, counters, mass, near_mass })
+    }
+
+    /// Mass that can be drawn (weight units × mm³): all of the density's, or what a camera may see of it.
+    pub fn mass(&self) -> f64 {
+        self.mass
+    }
+
+    /// Mass of the bricks that lie wholly in front of the camera's near plane (weight units × mm³).
+    pub fn near_mass(&self) -> f64 {
+        self.near_mass
     }
 
     /// The density whose voxels are drawn.
@@ -118,29 +166,58 @@ impl<'a> Distribution<'a> {
     }
 }
 
-/// Total of each brick, and the voxels read.
+/// What making the totals took, and what was left out.
+#[derive(Clone, Copy, Default)]
+struct BrickTally {
+    read: u64,
+    beside: u64,
+    near: u64,
+    near_units: u64,
+}
+
+/// Total of each brick that can be seen, 0 of the others.
 fn brick_totals<T: mcvr_volume::Voxel, U: crate::units::Units<T>>(
     layout: &impl Layout,
     voxels: &[T],
     units: U,
-) -> (Vec<u64>, u64) {
+    frustum: Option<&Frustum>,
+) -> (Vec<u64>, BrickTally) {
     // Room for the grand total at the end, so that adding it does not double the memory.
     let mut totals = Vec::with_capacity(layout.bricks() + 1);
     totals.resize(layout.bricks(), 0u64);
-    let read = totals
+    let tally = totals
         .par_chunks_mut(256)
         .enumerate()
         .map(|(chunk, totals)| {
             let mut sums = [U::Word::default(); BRICK];
-            let mut read = 0;
+            let mut tally = BrickTally::default();
             for (i, total) in totals.iter_mut().enumerate() {
-                read += layout.sums(chunk * 256 + i, voxels, units, &mut sums) as u64;
-                *total = sums[BRICK - 1].to_u64();
+                let brick = chunk * 256 + i;
+                let sight = frustum.map_or(Sight::Seen, |f| {
+                    let (low, high) = layout.bounds(brick);
+                    f.see(low, high)
+                });
+                if sight == Sight::Beside {
+                    tally.beside += 1;
+                    continue;
+                }
+                tally.read += layout.sums(brick, voxels, units, &mut sums) as u64;
+                if sight == Sight::Near {
+                    tally.near += 1;
+                    tally.near_units += sums[BRICK - 1].to_u64();
+                } else {
+                    *total = sums[BRICK - 1].to_u64();
+                }
             }
-            read
+            tally
         })
-        .sum();
-    (totals, read)
+        .reduce(BrickTally::default, |a, b| BrickTally {
+            read: a.read + b.read,
+            beside: a.beside + b.beside,
+            near: a.near + b.near,
+            near_units: a.near_units + b.near_units,
+        });
+    (totals, tally)
 }
 
 #[cfg(test)]

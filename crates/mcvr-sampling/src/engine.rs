@@ -138,12 +138,21 @@ pub fn render(
     let start = Instant::now();
     let samples = stream.samples();
     check_samples(samples)?;
+    if distribution.total() == 0 {
+        return unseen(camera, &Channels::plain(options.estimand), start);
+    }
     let level = SimdLevel::choose(options.simd);
     let density = distribution.density();
     let projection = Projection::new(density.volume().grid(), camera, options.kernel, samples, options.precision)?;
     let projector = projection.projector(options.kernel, options.estimand, level);
     let locator = locator(distribution, level);
-    let exposure = Exposure { camera, estimand: options.estimand, samples, mass: density.mass() };
+    let exposure = Exposure {
+        camera,
+        estimand: options.estimand,
+        samples,
+        mass: distribution.mass(),
+        share: distribution.mass() / density.mass(),
+    };
     exposure.run(&projection, start, watch, |block, scratch, film, counters| {
         let located = draw(distribution, stream, &*locator, block, scratch, counters);
         let Scratch { points, places, pixels, weights, .. } = scratch;
@@ -172,6 +181,11 @@ pub fn render_look(
     let start = Instant::now();
     let samples = stream.samples();
     check_samples(samples)?;
+    let number = look.channels();
+    if distribution.total() == 0 {
+        let channels = Channels { number, weighed: true, unit: 1.0, tint: look.tint };
+        return unseen(camera, &channels, start);
+    }
     let level = SimdLevel::choose(options.simd);
     let density = distribution.density();
     let projection = Projection::new(density.volume().grid(), camera, options.kernel, samples, options.precision)?;
@@ -179,8 +193,13 @@ pub fn render_look(
     let locator = locator(distribution, level);
     let effects = EffectPasses::new(density, camera, look, &projection, options, level)?;
     let miss = camera.extent().pixels() as u32;
-    let exposure = Exposure { camera, estimand: options.estimand, samples, mass: density.mass() };
-    let number = look.channels();
+    let exposure = Exposure {
+        camera,
+        estimand: options.estimand,
+        samples,
+        mass: distribution.mass(),
+        share: distribution.mass() / density.mass(),
+    };
     let channels = Channels { number, weighed: true, unit: effects.unit(options.estimand), tint: look.tint };
     let finished = exposure.run_channels(&projection, &channels, start, watch, |block, scratch, film, counters| {
         let located = draw(distribution, stream, &*locator, block, scratch, counters);
@@ -193,6 +212,13 @@ pub fn render_look(
     let mut rendered = finished?;
     rendered.counters.gradient_field = effects.field_voxels();
     Ok(rendered)
+}
+
+/// The image of a camera that sees nothing of the volume: black, without drawing a sample.
+fn unseen(camera: &Camera, channels: &Channels, start: Instant) -> Result<Rendered, SamplingError> {
+    let (image, colour) = channels.develop(camera, vec![0.0; channels.number * camera.extent().pixels()])?;
+    let seconds = PhaseSeconds { total: start.elapsed().as_secs_f64(), ..PhaseSeconds::default() };
+    Ok(Rendered { image, colour, counters: Counters::default(), seconds, precision: Precision::F32 })
 }
 
 /// Draws a block's points and finds their voxels.
@@ -217,8 +243,10 @@ pub(crate) struct Exposure<'a> {
     pub camera: &'a Camera,
     pub estimand: Estimand,
     pub samples: u64,
-    /// Total mass `F`, weight units × mm³.
+    /// Mass that the samples stand for, weight units × mm³.
     pub mass: f64,
+    /// That mass as a share of the whole mass `F`.
+    pub share: f64,
 }
 
 impl Exposure<'_> {
@@ -243,7 +271,7 @@ impl Exposure<'_> {
         watch: &Watch<'_>,
         batch: impl Fn(u64, &mut Scratch, &mut Worker<'_>, &mut Counters) -> (Lost, Instant) + Sync,
     ) -> Result<Rendered, SamplingError> {
-        let Self { camera, estimand, samples, mass } = *self;
+        let Self { camera, estimand, samples, mass, share } = *self;
         let line = estimand == Estimand::Line;
         let blocks = block_count(samples);
         let workers = (rayon::current_num_threads() as u64).min(blocks.div_ceil(TAKE)) as usize;
@@ -286,15 +314,18 @@ impl Exposure<'_> {
             return Err(SamplingError::Cancelled);
         }
         let unit = match estimand {
-            Estimand::Count => 1.0 / samples as f64,
+            Estimand::Count => share / samples as f64,
             Estimand::Line => mass / samples as f64 * camera.det() * projection.weight_unit(),
         };
         let (image, colour) = channels.develop(camera, totals.into_values(unit * channels.unit))?;
         let (counters, thread_seconds) = sum.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
         let total = start.elapsed().as_secs_f64();
-        let share = total / (thread_seconds[0] + thread_seconds[1]).max(1e-12);
-        let seconds =
-            PhaseSeconds { sampling: thread_seconds[0] * share, projection: thread_seconds[1] * share, total };
+        let per_thread = total / (thread_seconds[0] + thread_seconds[1]).max(1e-12);
+        let seconds = PhaseSeconds {
+            sampling: thread_seconds[0] * per_thread,
+            projection: thread_seconds[1] * per_thread,
+            total,
+        };
         Ok(Rendered { image, colour, counters, seconds, precision: projection.precision() })
     }
 }

@@ -15,6 +15,7 @@ mod effects;
 mod engine;
 mod error;
 mod find;
+mod frustum;
 mod hilbert;
 mod locate;
 mod offset;

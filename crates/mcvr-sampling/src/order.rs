@@ -82,6 +82,9 @@ pub(crate) trait Layout: Sync {
     /// What [`Layout::place`] needs to know of a brick.
     fn start(&self, brick: usize) -> [u32; 3];
 
+    /// The first and the last voxel of a box around the brick's voxels, both inside the grid.
+    fn bounds(&self, brick: usize) -> ([u32; 3], [u32; 3]);
+
     /// Turns places into voxel coordinates (x, y, z), in place.
     fn resolve(&self, level: crate::SimdLevel, places: &mut [Vec<u32>; 3]);
 }
@@ -179,6 +182,28 @@ impl Layout for Nested {
         [(first % n0) as u32, (first / n0 % n1) as u32, (first / n0 / n1) as u32]
     }
 
+    fn bounds(&self, brick: usize) -> ([u32; 3], [u32; 3]) {
+        let [n0, n1, _] = self.extents().map(|n| n as u32);
+        let last = ((brick + 1) * BRICK).min(self.len()) - 1;
+        let [a0, a1, a2] = self.start(brick);
+        let extents = self.extents();
+        let [b0, b1, b2] =
+            [last % extents[0], last / extents[0] % extents[1], last / extents[0] / extents[1]].map(|v| v as u32);
+        // Whoever crosses an end of a line or a plane covers all of it.
+        let (low, high) = if a2 < b2 {
+            ([0, 0, a2], [n0 - 1, n1 - 1, b2])
+        } else if a1 < b1 {
+            ([0, a1, a2], [n0 - 1, b1, b2])
+        } else {
+            ([a0, a1, a2], [b0, b1, b2])
+        };
+        let (mut from, mut to) = ([0; 3], [0; 3]);
+        for (r, &axis) in self.axes.iter().enumerate() {
+            (from[axis], to[axis]) = (low[r], high[r]);
+        }
+        (from, to)
+    }
+
     fn resolve(&self, level: crate::SimdLevel, places: &mut [Vec<u32>; 3]) {
         let [n0, n1, _] = self.extents();
         let [p0, p1, p2] = places;
@@ -274,6 +299,12 @@ impl Layout for Curve {
         self.curve.cube(brick / 2).0
     }
 
+    fn bounds(&self, brick: usize) -> ([u32; 3], [u32; 3]) {
+        let at = self.curve.cube(brick / 2).0;
+        let last = |a: usize| (at[a] + 7).min(self.dims[a] as u32 - 1);
+        (at, [last(0), last(1), last(2)])
+    }
+
     fn resolve(&self, _: crate::SimdLevel, _: &mut [Vec<u32>; 3]) {}
 }
 
@@ -328,6 +359,8 @@ mod tests {
             let mut sums = [0u32; BRICK];
             let read = layout.sums(brick, &ones, TableUnits(&table[..]), &mut sums);
             assert_eq!(read as u32, sums[BRICK - 1]);
+            let (low, high) = layout.bounds(brick);
+            assert!((0..3).all(|a| low[a] <= high[a] && high[a] < dims[a] as u32), "{low:?} {high:?}");
             let mut places = [vec![], vec![], vec![]];
             for position in 0..BRICK {
                 let before = if position == 0 { 0 } else { sums[position - 1] };

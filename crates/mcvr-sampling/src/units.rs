@@ -109,6 +109,16 @@ impl UnitWeights {
     }
 }
 
+impl UnitWeights {
+    /// The units of the whole density, up to rounding.
+    pub(crate) fn whole(&self, density: &Density) -> f64 {
+        match self {
+            Self::Small(_) => density.report().weight_sum,
+            Self::Large(_) | Self::Scaled(_) => 2f64.powi(62),
+        }
+    }
+}
+
 /// Runs an expression with `$units` bound to the concrete [`Units`], compiled once per kind.
 macro_rules! with_units {
     ($weights:expr, $density:expr, $units:ident => $body:expr) => {

@@ -64,6 +64,9 @@ pub struct Request {
     pub step: f64,
     /// Tolerance of exact ray casting, relative to the mean pixel.
     pub tolerance: f64,
+    /// Whether bricks of the volume that the camera cannot see are left out. Without it the points are those of
+    /// [`draw_cloud`](crate::draw_cloud), whatever the view.
+    pub cull: bool,
 }
 
 impl Default for Request {
@@ -78,6 +81,7 @@ impl Default for Request {
             scramble: Scramble::default(),
             step: 1.0,
             tolerance: 1e-4,
+            cull: true,
         }
     }
 }
@@ -93,6 +97,8 @@ pub struct Made {
     pub seconds: PhaseSeconds,
     /// Total mass `F`, and what the density map dropped.
     pub mass: mcvr_scene::MassReport,
+    /// Share of the mass that the camera's near plane cut, as the samples have it; 0 for ray casting.
+    pub clipped: f64,
     /// Samples drawn or rays cast.
     pub samples: u64,
     /// Exact work counters, by method.
@@ -146,15 +152,18 @@ fn sampled(
     watch: &Watch<'_>,
     start: Instant,
 ) -> Result<Made, MakeError> {
-    let samples = request.samples;
     check(request)?;
     let camera = &scenery.camera;
     let look = scenery.effects.look(density.volume().grid(), camera)?;
     let order = request.order.resolve(camera, density.volume().grid());
-    let distribution = Distribution::new(density, order)?;
+    let distribution = if request.cull {
+        Distribution::in_view(density, order, camera, request.kernel)?
+    } else {
+        Distribution::new(density, order)?
+    };
     let distribution_seconds = start.elapsed().as_secs_f64();
     let drawing = Instant::now();
-    let stream = point_stream(request, distribution.total());
+    let stream = point_stream(request, distribution.total().max(1));
     let drawn = drawing.elapsed().as_secs_f64();
     let options = RenderOptions { estimand: request.estimand, kernel: request.kernel, ..RenderOptions::default() };
     let Rendered { image, colour, counters, seconds, precision } =
@@ -169,7 +178,10 @@ fn sampled(
             complete: 0.0,
         },
         mass: *density.report(),
-        samples,
+        clipped: (distribution.near_mass()
+            + distribution.mass() * counters.clipped as f64 / counters.samples.max(1) as f64)
+            / density.mass(),
+        samples: counters.samples,
         counters: json!({
             "distribution": distribution.counters(),
             "render": counters,
@@ -242,6 +254,7 @@ fn cast(
             colour: None,
             seconds: phases(made.seconds),
             mass,
+            clipped: 0.0,
             samples,
             counters,
             error: None,
@@ -255,6 +268,7 @@ fn cast(
         colour: None,
         seconds: phases(made.seconds),
         mass,
+        clipped: 0.0,
         samples: made.counters.rays,
         counters,
         error: Some(made.error.rel_rmse_estimate),

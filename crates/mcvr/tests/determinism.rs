@@ -73,7 +73,13 @@ fn every_vector_width_gives_the_same_image() {
             for request in requests() {
                 let Request { method, estimand, .. } = request;
                 let at = |simd| {
-                    let options = RenderOptions { estimand, kernel, simd: Some(simd), precision: Some(precision) };
+                    let options = RenderOptions {
+                        estimand,
+                        kernel,
+                        simd: Some(simd),
+                        precision: Some(precision),
+                        ..RenderOptions::default()
+                    };
                     rendered(&density, &scenery, method, 3, &options)
                 };
                 let portable = at(SimdLevel::Portable);

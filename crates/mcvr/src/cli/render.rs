@@ -110,7 +110,7 @@ fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
             made.mass.dropped
         );
     }
-    let clipped = clipped_share(&made);
+    let clipped = made.clipped;
     if clipped > 0.0 {
         eprintln!(
             "mcvr: note: the near plane at {} mm cut {:.3} % of the mass",
@@ -119,11 +119,6 @@ fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
         );
     }
     Ok(made)
-}
-
-/// Share of samples in front of the near plane.
-fn clipped_share(made: &Made) -> f64 {
-    made.counters["render"]["clipped"].as_u64().map_or(0.0, |n| n as f64 / made.samples as f64)
 }
 
 fn record(setup: &Setup, made: &Made, args: &Args, write: f64, total: f64) -> Value {
@@ -140,7 +135,7 @@ fn record(setup: &Setup, made: &Made, args: &Args, write: f64, total: f64) -> Va
         "scramble": r.scramble,
         "mass": made.mass.mass,
         "density": { "map": setup.scenery.map, "report": made.mass },
-        "clipped_share": clipped_share(made),
+        "clipped_share": made.clipped,
         "error_estimate": made.error,
         "seconds": {
             "load": setup.load_seconds, "distribution": s.distribution, "sampling": s.sampling,

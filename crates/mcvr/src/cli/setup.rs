@@ -68,6 +68,7 @@ pub fn setup(
         order: method.order.or(sampling.order).unwrap_or_default(),
         scramble: method.scramble.or(sampling.scramble).unwrap_or_default(),
         step: method.step.or(sampling.step).unwrap_or(defaults.step),
+        cull: true,
         tolerance: method.tolerance.or(sampling.tolerance).unwrap_or(defaults.tolerance),
     };
     let base = scene.tone.unwrap_or_default();

@@ -75,7 +75,18 @@ pub struct Effects {
 impl Effects {
     /// True when the scene asks for the plain X-ray.
     pub fn is_plain(&self) -> bool {
-        self.shading.is_none() && self.depth_cue.is_none() && self.depth_colour.is_none() && self.materials.is_empty()
+        self.first().is_none()
+    }
+
+    /// The key of the first effect that is asked for; `None` for the plain X-ray.
+    pub fn first(&self) -> Option<&'static str> {
+        let asked = [
+            ("shading", self.shading.is_some()),
+            ("depth-cue", self.depth_cue.is_some()),
+            ("depth-colour", self.depth_colour.is_some()),
+            ("materials", !self.materials.is_empty()),
+        ];
+        asked.iter().find(|(_, on)| *on).map(|(key, _)| *key)
     }
 
     /// The factors on the weights that the materials ask for, for [`DensityMap::gains`](crate::DensityMap::gains);

@@ -15,6 +15,9 @@ pub enum SceneError {
     /// An effect's parameter is out of range, or two contradict each other.
     #[error("effects: {0}")]
     Effects(String),
+    /// A film's parameter is out of range, or a pixel cannot be exposed.
+    #[error("film: {0}")]
+    Film(String),
     /// An image has an unusable size, or two images do not match.
     #[error("image: {0}")]
     Image(String),

@@ -1,9 +1,10 @@
 //! The two quantities a pixel can mean (METHOD section 2).
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// What a pixel's value is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema, Default)]
 #[serde(rename_all = "lowercase")]
 pub enum Estimand {
     /// Share of all samples that fall into the pixel: the report's image. Sums to 1 over an image that

@@ -1,11 +1,12 @@
 //! Reconstruction kernels: their densities, their inverse distribution functions, their supports.
 
 use glam::DVec3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// How a voxel's weight is spread around its centre (METHOD section 1). Arguments and offsets are in
 /// units of the voxel spacing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema, Default)]
 #[serde(rename_all = "lowercase")]
 pub enum Kernel {
     /// Uniform over ±1/2: nearest neighbour.

@@ -14,7 +14,9 @@ mod kernel;
 mod watch;
 
 pub use camera::{Camera, Extent, Ray, View};
-pub use density::{Density, DensityMap, Emphasis, MassReport, NegativePolicy, Transfer, WeightFn, WeightLookup};
+pub use density::{
+    Density, DensityMap, Emphasis, Hounsfield, MassReport, NegativePolicy, Substance, Transfer, WeightFn, WeightLookup,
+};
 pub use effects::{Effects, Look};
 pub use error::SceneError;
 pub use estimand::Estimand;

@@ -1,11 +1,15 @@
 //! Colours as scene files write them.
 
-use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::de::{Error, IgnoredAny, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// A colour: red, green and blue in 0..=1, as PNG codes over their maximum (no gamma is applied anywhere). Scene files
 /// write `"#rrggbb"` or `[r, g, b]`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "Written", into = "[f64; 3]")]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(into = "[f64; 3]")]
 pub struct Colour([f64; 3]);
 
 impl Colour {
@@ -41,21 +45,54 @@ impl std::str::FromStr for Colour {
     }
 }
 
-/// The two ways to write a colour.
-#[derive(Deserialize)]
-#[serde(untagged)]
-enum Written {
-    Hex(String),
-    Rgb([f64; 3]),
+/// Reads either way to write a colour; one visitor rather than an untagged enum, whose errors say nothing.
+struct Written;
+
+impl<'de> Visitor<'de> for Written {
+    type Value = Colour;
+
+    fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("a colour, \"#rrggbb\" or [red, green, blue] in 0..1")
+    }
+
+    fn visit_str<E: Error>(self, text: &str) -> Result<Colour, E> {
+        text.parse().map_err(E::custom)
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut parts: A) -> Result<Colour, A::Error> {
+        let mut rgb = [0.0; 3];
+        for (i, part) in rgb.iter_mut().enumerate() {
+            *part = parts.next_element()?.ok_or_else(|| A::Error::invalid_length(i, &self))?;
+        }
+        match parts.next_element::<IgnoredAny>()? {
+            None => Colour::new(rgb).map_err(A::Error::custom),
+            Some(_) => Err(A::Error::invalid_length(4, &self)),
+        }
+    }
 }
 
-impl TryFrom<Written> for Colour {
-    type Error = String;
-    fn try_from(w: Written) -> Result<Self, String> {
-        match w {
-            Written::Hex(s) => s.parse(),
-            Written::Rgb(rgb) => Self::new(rgb),
-        }
+impl<'de> Deserialize<'de> for Colour {
+    fn deserialize<D: Deserializer<'de>>(source: D) -> Result<Self, D::Error> {
+        source.deserialize_any(Written)
+    }
+}
+
+impl JsonSchema for Colour {
+    fn schema_name() -> Cow<'static, str> {
+        "Colour".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({
+            "description": "A colour: \"#rrggbb\", or red, green and blue in 0..1.",
+            "anyOf": [
+                { "type": "string", "pattern": "^#[0-9a-fA-F]{6}$" },
+                {
+                    "type": "array", "minItems": 3, "maxItems": 3,
+                    "items": { "type": "number", "minimum": 0, "maximum": 1 },
+                },
+            ],
+        })
     }
 }
 

@@ -1,13 +1,14 @@
 //! Hue by depth: the 2003 paper's coloured depth, the report's Figure 4.
 
 use mcvr_volume::Grid;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Colour, DepthRamp};
 use crate::{Camera, SceneError};
 
 /// Colours along the depth: straight lines between evenly spaced stops, constant beyond the ends.
-#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DepthColour {
     /// Depths in mm (along the optical axis; from the eye for a pinhole, from the world's origin for a parallel camera)

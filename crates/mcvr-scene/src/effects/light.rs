@@ -2,14 +2,15 @@
 
 use glam::DVec3;
 use mcvr_volume::Grid;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Colour;
 use crate::{Camera, SceneError};
 
 /// Where the light is.
-#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum LightPosition {
     /// At the camera's eye (a parallel camera has none).
     #[default]
@@ -29,12 +30,13 @@ pub enum LightPosition {
 }
 
 /// A point light.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Light {
     /// Where it is.
     pub position: LightPosition,
     /// Its colour `C`.
+    #[serde(alias = "color")]
     pub colour: Colour,
     /// Its intensity `I`, at least 0.
     pub intensity: f64,

@@ -1,12 +1,13 @@
 //! Materials: isovalue ranges with colours and weights.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Colour;
 use crate::SceneError;
 
 /// The isovalues of one substance, its colour, and how much they count.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Material {
     /// What it is called in plans and messages.
@@ -19,6 +20,7 @@ pub struct Material {
     #[serde(default)]
     pub to: Option<f64>,
     /// Colour of its voxels.
+    #[serde(alias = "color")]
     pub colour: Colour,
     /// Factor on the weight of its voxels, at least 0.
     #[serde(default = "one")]
@@ -30,10 +32,11 @@ fn one() -> f64 {
 }
 
 /// What becomes of isovalues in no material.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Unlisted {
     /// Colour of their voxels.
+    #[serde(alias = "color")]
     pub colour: Colour,
     /// Factor on their weight; 0 leaves them out.
     pub weight: f64,

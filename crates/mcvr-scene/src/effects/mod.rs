@@ -12,6 +12,7 @@ mod light;
 mod look;
 mod material;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub use colour::Colour;
@@ -24,7 +25,7 @@ pub use material::{Gains, Material, Unlisted};
 use crate::SceneError;
 
 /// Which faces a shaded sample shows to the light.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Sides {
     /// `max(0, L·N)`: only surfaces turned to the light.
@@ -37,7 +38,7 @@ pub enum Sides {
 /// Lambert shading `I C max(0, L·N)` with `N = -∇ρ/|∇ρ|`: gradients by central differences of the weights over
 /// millimetres at the voxels, trilinearly interpolated. Where the gradient is exactly zero, or the light is at the
 /// sample, the factor is 0.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Shading {
     /// One-sided or two-sided.
@@ -45,7 +46,7 @@ pub struct Shading {
 }
 
 /// Depth cue `1 / max(c, minimum)`, `c` the distance in mm from the light to the sample.
-#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DepthCue {
     /// Smallest distance in mm that counts; a hundredth of the grid's diagonal when absent.
@@ -53,7 +54,7 @@ pub struct DepthCue {
 }
 
 /// What a scene asks for on top of the plain X-ray. The default asks for nothing.
-#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields, rename_all = "kebab-case")]
 pub struct Effects {
     /// The light that shading and depth cue refer to.
@@ -63,6 +64,7 @@ pub struct Effects {
     /// Dimming with the distance from the light.
     pub depth_cue: Option<DepthCue>,
     /// Hue by depth.
+    #[serde(alias = "depth-color")]
     pub depth_colour: Option<DepthColour>,
     /// Isovalue ranges with colours and weights.
     pub materials: Vec<Material>,
@@ -73,7 +75,18 @@ pub struct Effects {
 impl Effects {
     /// True when the scene asks for the plain X-ray.
     pub fn is_plain(&self) -> bool {
-        self.shading.is_none() && self.depth_cue.is_none() && self.depth_colour.is_none() && self.materials.is_empty()
+        self.first().is_none()
+    }
+
+    /// The key of the first effect that is asked for; `None` for the plain X-ray.
+    pub fn first(&self) -> Option<&'static str> {
+        let asked = [
+            ("shading", self.shading.is_some()),
+            ("depth-cue", self.depth_cue.is_some()),
+            ("depth-colour", self.depth_colour.is_some()),
+            ("materials", !self.materials.is_empty()),
+        ];
+        asked.iter().find(|(_, on)| *on).map(|(key, _)| *key)
     }
 
     /// The factors on the weights that the materials ask for, for [`DensityMap::gains`](crate::DensityMap::gains);

@@ -48,7 +48,7 @@ impl ImageFormat {
     }
 }
 
-fn fail(path: &Path, problem: impl ToString) -> SceneError {
+pub(super) fn fail(path: &Path, problem: impl ToString) -> SceneError {
     SceneError::File { path: path.to_owned(), problem: problem.to_string() }
 }
 
@@ -132,7 +132,7 @@ pub fn write_animation(frames: &[Vec<u8>], extent: Extent, path: &Path, rate: u1
     })
 }
 
-fn encode(
+pub(super) fn encode(
     image: Option<DynamicImage>,
     out: &mut (impl Write + Seek),
     format: image::ImageFormat,
@@ -177,11 +177,14 @@ pub fn write_whole<E: std::fmt::Display>(
     temporary.persist(path).map(drop).map_err(|e| fail(path, e.error))
 }
 
-/// Reads an image: `.npy` (any float or integer type, 2-D), `.exr` and `.tiff` (first channel), `.png` (grey
+/// What is said of images of three different channels.
+const COLOURED: &str = "this image holds colours, and one of grey values is needed; render the scene without colours";
+
+/// Reads an image: `.npy` (any float or integer type, 2-D), `.exr` and `.tiff` (of equal channels), `.png` (grey
 /// level 0..1; a toned PNG holds no linear values, so prefer the others for comparison).
 ///
 /// # Errors
-/// [`SceneError::File`] when the file is missing, damaged or not two-dimensional.
+/// [`SceneError::File`] when the file is missing, damaged, coloured or not two-dimensional.
 pub fn read(path: &Path) -> Result<Image, SceneError> {
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("npy")) {
         return read_npy(path);
@@ -191,6 +194,17 @@ pub fn read(path: &Path) -> Result<Image, SceneError> {
         .map_err(|e| fail(path, e))?
         .decode()
         .map_err(|e| fail(path, e))?;
+    if decoded.color().has_color() {
+        let grey = match &decoded {
+            DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_) => {
+                decoded.to_rgb32f().pixels().all(|p| p.0[0] == p.0[1] && p.0[0] == p.0[2])
+            }
+            other => other.to_rgb16().pixels().all(|p| p.0[0] == p.0[1] && p.0[0] == p.0[2]),
+        };
+        if !grey {
+            return Err(fail(path, COLOURED));
+        }
+    }
     let values = match &decoded {
         DynamicImage::ImageLuma16(b) => b.iter().map(|&v| f64::from(v) / 65535.0).collect(),
         DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_) => {
@@ -206,6 +220,9 @@ fn read_npy(path: &Path) -> Result<Image, SceneError> {
     let file = File::open(path).map_err(|e| fail(path, e))?;
     let bytes = file.metadata().map_err(|e| fail(path, e))?.len();
     let npy = npyz::NpyFile::new(std::io::BufReader::new(file)).map_err(|e| fail(path, e))?;
+    if let [_, _, 3] = npy.shape() {
+        return Err(fail(path, COLOURED));
+    }
     let &[height, width] = npy.shape() else {
         return Err(fail(path, format!("expected a (height, width) array, found shape {:?}", npy.shape())));
     };

@@ -1,10 +1,14 @@
 //! Images: linear estimand values, how they are stored, and the tones under which people look at them.
 
+mod colour;
+mod develop;
 mod file;
 mod tone;
 
 use crate::{Extent, SceneError};
 
+pub use colour::{largest, write_colour, write_colour_within};
+pub use develop::{Film, FilmBias, expose, transmission, transmission_bias};
 pub use file::{ImageFormat, read, write, write_animation, write_rgb8, write_whole, write_within};
 pub use tone::{Curve, Tone, diverging_rgb};
 

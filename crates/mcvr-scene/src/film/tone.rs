@@ -1,11 +1,12 @@
 //! Tones: how linear values become grey levels. Only for looking; numbers are compared without them.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Image;
 
 /// Shape of the tone curve.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Curve {
     /// Grey proportional to the value.
@@ -30,7 +31,7 @@ impl std::str::FromStr for Curve {
 }
 
 /// A window of values and a curve over it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Tone {
     /// Shape over the window.

@@ -7,7 +7,7 @@ use mcvr::Method;
 use mcvr::qmc::Scramble;
 use mcvr::sampling::VoxelOrder;
 use mcvr::scene::film::Curve;
-use mcvr::scene::{Emphasis, Estimand, Extent, Kernel, NegativePolicy, Transfer};
+use mcvr::scene::{Emphasis, Estimand, Extent, Hounsfield, Kernel, NegativePolicy, Transfer};
 use mcvr::volume::{Endian, VoxelType};
 
 use super::numbers;
@@ -43,7 +43,8 @@ pub struct VolumeArgs {
 #[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Density")]
 pub struct DensityArgs {
-    /// Isovalue to weight: identity, linear:SLOPE,INTERCEPT, piecewise:V,W;V,W;..., hounsfield[:MU_WATER_PER_MM]
+    /// Isovalue to weight: identity, linear:SLOPE,INTERCEPT, piecewise:V,W;V,W;..., hounsfield[:MU_WATER_PER_MM],
+    /// hounsfield:KEVkeV[,SCANkeV] (attenuation at a photon energy)
     #[arg(long, value_name = "MAP", value_parser = transfer)]
     pub map: Option<Transfer>,
     /// Isovalues from THRESHOLD on weigh GAIN times as much (the halo dims)
@@ -163,15 +164,30 @@ fn transfer(text: &str) -> Result<Transfer, String> {
         ("piecewise", Some(rest)) => {
             rest.split(';').map(numbers::pair).collect::<Result<_, _>>().map(Transfer::Piecewise)
         }
-        ("hounsfield", None) => Ok(Transfer::Hounsfield { mu_water: MU_WATER_60_KEV }),
-        ("hounsfield", Some(rest)) => {
-            let mu_water = rest.parse().map_err(|_| format!("'{rest}' is not an attenuation per mm"))?;
-            Ok(Transfer::Hounsfield { mu_water })
-        }
+        ("hounsfield", rest) => hounsfield(rest).map(Transfer::Hounsfield),
         _ => Err(format!(
-            "unknown map '{text}'; one of identity, linear:SLOPE,INTERCEPT, piecewise:V,W;V,W, hounsfield[:MU]"
+            "unknown map '{text}'; one of identity, linear:SLOPE,INTERCEPT, piecewise:V,W;V,W, hounsfield[:MU], \
+             hounsfield:KEVkeV[,SCANkeV]"
         )),
     }
+}
+
+/// Nothing, an attenuation of water, or a photon energy and perhaps that of the scan.
+fn hounsfield(text: Option<&str>) -> Result<Hounsfield, String> {
+    let Some(text) = text else { return Hounsfield::of_water(MU_WATER_60_KEV).map_err(|e| e.to_string()) };
+    let energy = |text: &str| {
+        let number = text.get(..text.len().saturating_sub(3)).filter(|_| text.to_ascii_lowercase().ends_with("kev"));
+        number.and_then(|n| n.trim().parse::<f64>().ok())
+    };
+    let bad = || format!("'{text}' is neither an attenuation per mm (0.0206) nor an energy (60keV, or 60keV,70keV)");
+    let made = match text.split_once(',') {
+        Some((kev, scan)) => Hounsfield::at_energy(energy(kev).ok_or_else(bad)?, energy(scan).ok_or_else(bad)?),
+        None => match energy(text) {
+            Some(kev) => Hounsfield::at_energy(kev, Hounsfield::SCAN_KEV),
+            None => Hounsfield::of_water(text.parse().map_err(|_| bad())?),
+        },
+    };
+    made.map_err(|e| e.to_string())
 }
 
 #[cfg(test)]
@@ -182,7 +198,16 @@ mod tests {
     fn maps_are_read() {
         assert_eq!(transfer("linear:2,-1"), Ok(Transfer::Linear { slope: 2.0, intercept: -1.0 }));
         assert_eq!(transfer("piecewise:0,0;100,2"), Ok(Transfer::Piecewise(vec![[0.0, 0.0], [100.0, 2.0]])));
-        assert_eq!(transfer("hounsfield"), Ok(Transfer::Hounsfield { mu_water: MU_WATER_60_KEV }));
+        let water = |mu| Ok(Transfer::Hounsfield(Hounsfield::of_water(mu).unwrap()));
+        assert_eq!((transfer("hounsfield"), transfer("hounsfield:0.03")), (water(MU_WATER_60_KEV), water(0.03)));
+        let energy = |kev, scan| Ok(Transfer::Hounsfield(Hounsfield::at_energy(kev, scan).unwrap()));
+        assert_eq!(transfer("hounsfield:60keV"), energy(60.0, Hounsfield::SCAN_KEV));
+        assert_eq!(transfer("hounsfield:60kev,65 keV"), energy(60.0, 65.0));
+        for bad in
+            ["hounsfield:x", "hounsfield:keV", "hounsfield:5keV", "hounsfield:60keV,70", "hounsfield:0", "hounsfield:é"]
+        {
+            assert!(transfer(bad).is_err(), "{bad}");
+        }
         assert!(transfer("linear").is_err() && transfer("cubic:1").is_err());
     }
 }

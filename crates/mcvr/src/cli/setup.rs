@@ -103,7 +103,8 @@ fn hinted(error: mcvr::volume::VolumeError, input: &str) -> anyhow::Error {
 
 /// The camera of flags, scene and defaults, and the view in words.
 pub fn camera(args: &ViewArgs, scene: &SceneFile, grid: &mcvr::volume::Grid) -> anyhow::Result<(Camera, String)> {
-    let file = &scene.camera;
+    let none = mcvr::CameraSection::default();
+    let file = scene.cameras.first().unwrap_or(&none);
     let extent = match (args.size, scene.image.size) {
         (Some(size), _) => size,
         (None, Some([w, h])) => Extent::new(w, h)?,

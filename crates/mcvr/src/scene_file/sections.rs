@@ -1,0 +1,124 @@
+//! The sections of a scene file.
+
+use mcvr_qmc::Scramble;
+use mcvr_sampling::VoxelOrder;
+use mcvr_scene::{Estimand, Kernel};
+use mcvr_volume::{Endian, VoxelType};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Deserializer, Error, MapAccess, SeqAccess, Visitor};
+
+use super::schema;
+use crate::Method;
+
+/// `[volume]`
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct VolumeSection {
+    /// File (relative to the scene file) or `phantom:NAME@SIZE`.
+    pub input: Option<String>,
+    /// Raw files: voxels along x, y, z.
+    pub dims: Option<[usize; 3]>,
+    /// Raw files: voxel type.
+    #[serde(rename = "type")]
+    #[schemars(schema_with = "schema::voxel_types")]
+    pub voxel_type: Option<VoxelType>,
+    /// Raw files: byte order.
+    #[schemars(schema_with = "schema::endians")]
+    pub endian: Option<Endian>,
+    /// Raw files: bytes before the first voxel.
+    pub skip: Option<u64>,
+    /// Millimetres per voxel; replaces the file's own.
+    pub spacing: Option<[f64; 3]>,
+}
+
+/// `[camera]`, or one of several `[[camera]]`
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct CameraSection {
+    /// What its image is called where there are several cameras: letters, digits, - and _; a number when absent.
+    #[schemars(regex(pattern = r"^[A-Za-z0-9_-]{1,64}$"))]
+    pub name: Option<String>,
+    /// Azimuth and elevation in degrees.
+    pub view: Option<[f64; 2]>,
+    /// Millimetres from the eye to the volume's centre.
+    pub distance: Option<f64>,
+    /// Full angle in degrees across the shorter side.
+    pub fov: Option<f64>,
+    /// Parallel rays.
+    pub parallel: Option<bool>,
+    /// Near plane in mm.
+    pub near: Option<f64>,
+    /// World millimetres to homogeneous pixels, by rows; instead of view, distance, fov and parallel.
+    pub matrix: Option<[[f64; 4]; 3]>,
+}
+
+impl CameraSection {
+    /// Its name, or its number counted from 1, given its index.
+    pub fn label(&self, index: usize) -> String {
+        self.name.clone().unwrap_or_else(|| (index + 1).to_string())
+    }
+}
+
+/// `[image]`
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ImageSection {
+    /// Columns and rows.
+    pub size: Option<[usize; 2]>,
+    /// Reconstruction kernel.
+    pub kernel: Option<Kernel>,
+    /// What a pixel means.
+    pub estimand: Option<Estimand>,
+}
+
+/// `[sampling]`
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct SamplingSection {
+    /// Method by name.
+    #[schemars(schema_with = "schema::methods")]
+    pub method: Option<Method>,
+    /// Samples (rays for a march).
+    pub samples: Option<u64>,
+    /// Key of all randomness.
+    pub seed: Option<u64>,
+    /// Order of the voxels.
+    #[schemars(schema_with = "schema::orders")]
+    pub order: Option<VoxelOrder>,
+    /// Randomisation of the net.
+    #[schemars(schema_with = "schema::scrambles")]
+    pub scramble: Option<Scramble>,
+    /// Step of a march in voxels.
+    pub step: Option<f64>,
+    /// Tolerance of exact ray casting.
+    pub tolerance: Option<f64>,
+}
+
+/// Reads `[camera]` or `[[camera]]`. One visitor rather than an untagged enum, which would lose the lines of errors.
+pub(super) fn cameras<'de, D: Deserializer<'de>>(source: D) -> Result<Vec<CameraSection>, D::Error> {
+    struct OneOrMany;
+
+    impl<'de> Visitor<'de> for OneOrMany {
+        type Value = Vec<CameraSection>;
+
+        fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+            f.write_str("[camera] or several [[camera]]")
+        }
+
+        fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
+            CameraSection::deserialize(MapAccessDeserializer::new(map)).map(|c| vec![c])
+        }
+
+        fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Self::Value, A::Error> {
+            let mut all = vec![];
+            while let Some(camera) = list.next_element()? {
+                all.push(camera);
+            }
+            if all.is_empty() { Err(A::Error::custom("an empty list of cameras; give at least one")) } else { Ok(all) }
+        }
+    }
+
+    source.deserialize_any(OneOrMany)
+}

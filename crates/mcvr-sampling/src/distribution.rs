@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use mcvr_scene::{Camera, Density, Kernel};
-use mcvr_volume::with_voxels;
+use mcvr_volume::{Grid, with_voxels};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -110,6 +110,46 @@ impl<'a> Distribution<'a> {
         let mass = if culled { sum as f64 * unit_mass } else { density.mass() };
         let near_mass = tally.near_units as f64 * unit_mass;
         Ok(Self { density: Cow::Borrowed(density), layout, weights, before, order, counters, mass, near_mass })
+    }
+
+    /// The counters that [`Distribution::new`] (or, given a camera and a kernel, [`Distribution::in_view`]) would have, without
+    /// reading a voxel; only `empty_bricks`, which the voxels decide, is 0 here. Says as well how many voxels lie in bricks
+    /// that can be drawn.
+    ///
+    /// # Errors
+    /// [`SamplingError::Limit`] when the volume is too large for the order.
+    pub fn survey(
+        grid: &Grid,
+        order: VoxelOrder,
+        view: Option<(&Camera, Kernel)>,
+    ) -> Result<(DistributionCounters, u64), SamplingError> {
+        let layout = AnyLayout::new(order, grid.dims())?;
+        let frustum = view.map(|(camera, kernel)| Frustum::new(camera, grid, kernel));
+        let mut counters = DistributionCounters::default();
+        let mut seen = 0;
+        with_layout!(&layout, l => {
+            counters.bricks = l.bricks() as u64;
+            for brick in 0..l.bricks() {
+                let sight = frustum.map_or(Sight::Seen, |f| {
+                    let (low, high) = l.bounds(brick);
+                    f.see(low, high)
+                });
+                let voxels = l.voxels(brick) as u64;
+                match sight {
+                    Sight::Beside => counters.bricks_beside += 1,
+                    Sight::Near => {
+                        counters.bricks_near += 1;
+                        counters.voxels_read += voxels;
+                    }
+                    Sight::Seen => {
+                        seen += voxels;
+                        counters.voxels_read += voxels;
+                    }
+                }
+            }
+        });
+        counters.bytes = ((counters.bricks as usize + 1) * size_of::<u64>() + layout.bytes()) as u64;
+        Ok((counters, seen))
     }
 
     /// Mass that can be drawn (weight units × mm³): all of the density's, or what a camera may see of it.
@@ -223,8 +263,8 @@ fn brick_totals<T: mcvr_volume::Voxel, U: crate::units::Units<T>>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mcvr_scene::DensityMap;
-    use mcvr_volume::{Grid, Volume};
+    use mcvr_scene::{DensityMap, Extent, View};
+    use mcvr_volume::Volume;
 
     fn density<T: mcvr_volume::Voxel>(dims: [usize; 3], voxels: Vec<T>) -> Density {
         let grid = Grid::with_spacing(dims, [1.0; 3]).unwrap();
@@ -272,6 +312,56 @@ mod tests {
         let before = distribution.before[1] as f64 / total;
         let expected = (255.0 + n as f64) / (2 * n - 1) as f64;
         assert!((before - expected).abs() < 1e-12, "{before} {expected}");
+    }
+
+    #[test]
+    fn a_survey_knows_what_building_will_count() {
+        let d = density([37, 21, 19], (0..37 * 21 * 19).map(|i| (i % 3) as u8).collect());
+        let grid = d.volume().grid().clone();
+        for distance in [40.0, 12.0] {
+            let view = View { fov: Some(3.0), distance: Some(distance), near: Some(9.0), ..View::default() };
+            let camera = Camera::look(&view, &grid, Extent::new(32, 32).unwrap()).unwrap();
+            for (name, order) in VoxelOrder::ALL {
+                let built = Distribution::in_view(&d, order, &camera, Kernel::Tent).unwrap().counters();
+                let (survey, _) = Distribution::survey(&grid, order, Some((&camera, Kernel::Tent))).unwrap();
+                assert_eq!(survey, DistributionCounters { empty_bricks: 0, ..built }, "{name}");
+                assert!(built.bricks_beside > 0, "{built:?}");
+                let (all, seen) = Distribution::survey(&grid, order, None).unwrap();
+                let built = Distribution::new(&d, order).unwrap().counters();
+                assert_eq!(all, DistributionCounters { empty_bricks: 0, ..built }, "{name}");
+                assert_eq!(seen, 37 * 21 * 19);
+            }
+        }
+    }
+
+    /// The mass that a camera sees, that it cuts and that lies beside add up; what is drawn is drawn as often as ever.
+    #[test]
+    fn culled_bricks_take_their_mass_with_them() {
+        let d = density([64, 32, 32], (0..64 * 32 * 32).map(|i| (i * 7919 % 13) as u8).collect());
+        let grid = d.volume().grid().clone();
+        let view = View { fov: Some(30.0), distance: Some(20.0), near: Some(15.0), azimuth: 0.0, ..View::default() };
+        let camera = Camera::look(&view, &grid, Extent::new(32, 32).unwrap()).unwrap();
+        for (name, order) in VoxelOrder::ALL {
+            let all = Distribution::new(&d, order).unwrap();
+            let seen = Distribution::in_view(&d, order, &camera, Kernel::Box).unwrap();
+            // Along the view, which is x, lines of the raster are never wholly in front of the near plane.
+            let along = seen.order() == VoxelOrder::Raster || seen.order() == VoxelOrder::Depth;
+            assert!(seen.counters().bricks_beside > 0, "{name} {:?}", seen.counters());
+            assert_eq!(seen.near_mass() > 0.0, !along, "{name} {:?}", seen.counters());
+            assert_eq!(seen.mass(), seen.total() as f64 * grid.voxel_volume());
+            assert!(seen.mass() + seen.near_mass() < all.mass(), "{name}");
+            let mut drawn = vec![0u8; grid.len()];
+            for t in 0..seen.total() {
+                drawn[seen.voxel_of(t)] += 1;
+            }
+            for (i, &n) in drawn.iter().enumerate() {
+                assert!(n == 0 || f64::from(n) == d.weight(i));
+                let [x, y, z] = grid.unravel(i).map(|v| v as f64);
+                let (px, py, depth) = camera.project(grid.index_to_world().transform_point3([x, y, z].into()));
+                let inside = depth >= 15.0 && (0.0..32.0).contains(&px) && (0.0..32.0).contains(&py);
+                assert!(!inside || f64::from(n) == d.weight(i), "{name}: voxel {i} is seen but never drawn");
+            }
+        }
     }
 
     #[test]

@@ -76,6 +76,9 @@ pub(crate) trait Layout: Sync {
     /// brick's total) and returns how many voxels were read.
     fn sums<T: Voxel, U: Units<T>>(&self, brick: usize, voxels: &[T], units: U, sums: &mut [U::Word; BRICK]) -> usize;
 
+    /// Voxels in a brick.
+    fn voxels(&self, brick: usize) -> usize;
+
     /// Position of one voxel, not yet resolved.
     fn place(&self, brick: usize, start: [u32; 3], position: u32) -> [u32; 3];
 
@@ -168,6 +171,10 @@ impl Layout for Nested {
         }
         sums[count..].fill(sum);
         count
+    }
+
+    fn voxels(&self, brick: usize) -> usize {
+        BRICK.min(self.len() - brick * BRICK)
     }
 
     #[inline(always)]
@@ -288,6 +295,15 @@ impl Layout for Curve {
         read
     }
 
+    fn voxels(&self, brick: usize) -> usize {
+        let (at, local) = self.curve.cube(brick / 2);
+        let inside = |packed: &&u16| {
+            let p = unpack(**packed);
+            (0..3).all(|a| ((at[a] + p[a]) as usize) < self.dims[a])
+        };
+        local[brick % 2 * BRICK..][..BRICK].iter().filter(inside).count()
+    }
+
     #[inline(always)]
     fn place(&self, brick: usize, at: [u32; 3], position: u32) -> [u32; 3] {
         let (_, local) = self.curve.cube(brick / 2);
@@ -359,6 +375,7 @@ mod tests {
             let mut sums = [0u32; BRICK];
             let read = layout.sums(brick, &ones, TableUnits(&table[..]), &mut sums);
             assert_eq!(read as u32, sums[BRICK - 1]);
+            assert_eq!(read, layout.voxels(brick));
             let (low, high) = layout.bounds(brick);
             assert!((0..3).all(|a| low[a] <= high[a] && high[a] < dims[a] as u32), "{low:?} {high:?}");
             let mut places = [vec![], vec![], vec![]];

@@ -450,7 +450,7 @@ mod tests {
         check(&density(|v| v as i16 - 100, DensityMap::default()), 1.0);
         let emphasis = DensityMap { emphasis: Some(Emphasis { threshold: 99.0, gain: 3.0 }), ..DensityMap::default() };
         check(&density(|v| v as u8, emphasis), 1.0);
-        let map = DensityMap { transfer: Transfer::Hounsfield { mu_water: 0.02 }, ..DensityMap::default() };
+        let map = DensityMap { transfer: Transfer::Linear { slope: 2e-5, intercept: 0.02 }, ..DensityMap::default() };
         let d = density(|v| v as i16 * 10 - 1100, map);
         check(&d, 1.0 / d.report().max_weight);
         let d = density(|v| v as f32 * 1e30, DensityMap::default());

@@ -27,6 +27,7 @@ mod cloud_file;
 mod make;
 mod measured;
 mod method;
+pub mod plan;
 mod scene_file;
 
 pub use cloud::draw_cloud;

@@ -277,7 +277,7 @@ fn cast(
 
 /// Rays a pixel for a budget of rays: the largest square that it pays for, at least one. Squares are cast as
 /// regular grids of sub-pixels, which beat the same number of jittered rays.
-fn rays_per_pixel(rays: u64, camera: &Camera) -> u32 {
+pub(crate) fn rays_per_pixel(rays: u64, camera: &Camera) -> u32 {
     let side = (rays / camera.extent().pixels() as u64).isqrt().clamp(1, 1024);
     (side * side) as u32
 }

@@ -1,0 +1,128 @@
+//! The plan of a whole scene.
+
+use mcvr_scene::film::Film;
+use mcvr_scene::{Look, Watch};
+use serde_json::json;
+
+use super::sampled::{draws, sampled, table_bytes};
+use super::{Forecast, LeftOut, Pass, Plan, film_pass};
+use crate::{MakeError, Method, Request, Scenery};
+
+/// Plans the image that [`make`](crate::make()) will make, without reading a voxel.
+///
+/// # Errors
+/// [`MakeError`] for what [`make`](crate::make()) refuses as well, as far as it shows without reading voxels.
+pub fn plan(scenery: &Scenery, request: &Request, film: &Film) -> Result<Plan, MakeError> {
+    crate::make::check(request)?;
+    film.check()?;
+    let grid = scenery.volume.grid();
+    let look = scenery.effects.look(grid, &scenery.camera)?;
+    let (mut passes, mut left_out) = (vec![], vec![]);
+    passes.push(Pass {
+        name: "volume",
+        why: format!("volume.input = {}", scenery.volume.name()),
+        reads: format!("{} voxels of type {}", grid.len(), scenery.volume.voxel_type()),
+        // Mapped pages can be given back; they count as held all the same.
+        holds: scenery.volume.bytes() as u64,
+        work: vec![],
+    });
+    passes.push(Pass {
+        name: "weights",
+        why: weights_why(scenery),
+        reads: "each voxel once, for the mass".to_owned(),
+        holds: table_bytes(scenery),
+        work: vec![],
+    });
+    if request.method.samples_volume() {
+        sampled(scenery, request, &look, &mut passes, &mut left_out)?;
+    } else {
+        cast(scenery, request, &look, &mut passes, &mut left_out);
+    }
+    let pixels = scenery.camera.extent().pixels() as u64;
+    match film_pass(film, pixels) {
+        Some(pass) => passes.push(pass),
+        None => {
+            left_out.push(LeftOut { name: "film", why: "no film.transmission, no film.photons".into(), work: vec![] })
+        }
+    }
+    let bytes = passes.iter().map(|p| p.holds).sum();
+    Ok(Plan { passes, left_out, bytes })
+}
+
+fn weights_why(scenery: &Scenery) -> String {
+    let map = &scenery.map;
+    let mut why = format!("density.transfer = {}", json!(map.transfer).to_string().replace('"', ""));
+    if let Some(e) = map.emphasis {
+        why += &format!(", emphasis x{} from {}", e.gain, e.threshold);
+    }
+    if map.gains.is_some() {
+        why += ", weights of effects.materials";
+    }
+    why
+}
+
+/// Passes of an image made of rays.
+fn cast(scenery: &Scenery, request: &Request, look: &Look, passes: &mut Vec<Pass>, left_out: &mut Vec<LeftOut>) {
+    let pixels = scenery.camera.extent().pixels() as u64;
+    let march = request.method == Method::March;
+    let prefix = if march { "march" } else { "reference" };
+    let name = |counter: &str| format!("{prefix}.{counter}");
+    let mut work = vec![];
+    if march {
+        let each = crate::make::rays_per_pixel(request.samples, &scenery.camera);
+        work.push(Forecast::exact("rays_per_pixel", u64::from(each)));
+        work.push(Forecast::between(&name("rays"), 0, u64::from(each) * pixels));
+        work.push(Forecast::exact(&name("cells"), 0));
+        work.push(Forecast::exact(&name("empty_bricks"), 0));
+    } else {
+        work.push(Forecast::between("depth_limited", 0, pixels));
+        work.extend(["rays", "cells", "empty_bricks"].map(|c| Forecast::from(&name(c), 0)));
+    }
+    work.extend(["evaluations", "voxel_reads"].map(|c| Forecast::from(&name(c), 0)));
+    let gradients = name("gradients");
+    if look.shading.is_some() {
+        work.push(Forecast::from(&gradients, 0));
+    } else {
+        let why = "no effects.shading".to_owned();
+        left_out.push(LeftOut { name: "shade", why, work: vec![Forecast::exact(&gradients, 0)] });
+    }
+    passes.push(Pass {
+        name: if march { "march" } else { "cast" },
+        why: format!("sampling.method = {}", request.method),
+        reads: "voxels along rays".to_owned(),
+        holds: 16 * pixels * look.channels() as u64,
+        work,
+    });
+}
+
+impl Plan {
+    /// Draws the points, without making the image, and so turns the ranges that depend on the draws into numbers. Ray
+    /// casting has no draws; its plan stays as it is.
+    ///
+    /// # Errors
+    /// As [`make`](crate::make()).
+    pub fn draw(&mut self, scenery: &Scenery, request: &Request, watch: &Watch<'_>) -> Result<(), MakeError> {
+        if !request.method.samples_volume() {
+            return Ok(());
+        }
+        let mut counters = draws(scenery, request, watch)?;
+        let inside = counters["render"]["inside"].as_u64().unwrap_or(0);
+        let samples = counters["render"]["samples"].as_u64().unwrap_or(0);
+        let line = request.estimand == mcvr_scene::Estimand::Line;
+        let look = scenery.effects.look(scenery.volume.grid(), &scenery.camera)?;
+        // What the bare image did not do follows from the samples in it.
+        let render = &mut counters["render"];
+        render["line_weights"] = json!(if line { samples } else { 0 });
+        for (counter, each) in [
+            ("gradients", u64::from(look.shading.is_some())),
+            ("gradient_reads", 32 * u64::from(look.shading.is_some())),
+            ("depth_cues", u64::from(look.cue_minimum.is_some())),
+            ("voxel_colours", u64::from(look.palette.is_some())),
+            ("depth_colours", u64::from(look.ramp.is_some())),
+        ] {
+            render[counter] = json!(each * inside);
+        }
+        self.narrow(&counters);
+        Ok(())
+    }
+}

@@ -117,6 +117,9 @@ pub struct MethodArgs {
     /// Scene file; flags win over it
     #[arg(long, value_name = "FILE.toml")]
     pub scene: Option<PathBuf>,
+    /// One of the scene's cameras, by name or number [default: all of them]
+    #[arg(long, value_name = "NAME|N", requires = "scene")]
+    pub camera: Option<String>,
 }
 
 /// One method and its budget.

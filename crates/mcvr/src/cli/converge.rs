@@ -5,13 +5,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, bail};
 use mcvr::harness::{self, ConvergeOptions, RunMeta, RunSummary, RunWatch, Truth};
-use mcvr::raycast::{ReferenceOptions, reference};
 use mcvr::scene::film;
 use mcvr::scene::{Density, Watch};
-use mcvr::{Measured, Method, Request};
+use mcvr::{Measured, Method, Request, make};
 use serde_json::{Value, json};
 
 use super::args::{BudgetArgs, DensityArgs, MethodArgs, ToneArgs, ViewArgs, VolumeArgs};
+use super::effect_args::EffectArgs;
 use super::render::write_json;
 use super::setup::{Setup, setup};
 use super::{Interrupted, numbers, progress};
@@ -56,6 +56,8 @@ pub struct Args {
     view: ViewArgs,
     #[command(flatten)]
     density: DensityArgs,
+    #[command(flatten)]
+    effects: EffectArgs,
 }
 
 /// The tour: a phantom, four methods, about a minute.
@@ -85,15 +87,30 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     if args.methods.contains(&Method::Exact) {
         bail!("--methods: exact is the truth that the others are measured against");
     }
-    let setup =
-        setup(&args.volume, &args.density, &args.view, &args.method, &BudgetArgs::default(), &ToneArgs::default())?;
+    let setup = setup(
+        &args.volume,
+        &args.density,
+        &args.view,
+        &args.method,
+        &BudgetArgs::default(),
+        &ToneArgs::default(),
+        &args.effects,
+    )?;
+    if setup.views.len() > 1 {
+        let labels: Vec<&str> = setup.views.iter().map(|v| v.label.as_str()).collect();
+        bail!("converge measures one camera, and the scene has {}: choose with --camera", labels.join(", "));
+    }
+    setup.check_effects()?;
+    if setup.film.is_transmission() && !quiet {
+        eprintln!("mcvr: note: the line integral is measured; the scene's film plays no part");
+    }
     for note in setup.notes.iter().filter(|_| !quiet) {
         eprintln!("mcvr: note: {note}");
     }
     std::fs::create_dir_all(&args.out).with_context(|| format!("{}", args.out.display()))?;
     let cancel = progress::interrupt_flag();
     let density = Density::new(&setup.scenery.volume, setup.scenery.map.clone())?;
-    let truth = truth(&setup, &density, &args.out, &cancel, quiet)?;
+    let truth = truth(&setup, density.mass(), &args.out, &cancel, quiet)?;
     let requests = args.methods.iter().map(|&method| Request { method, ..setup.request });
     let methods: Vec<Measured<'_>> = requests.map(|r| Measured::new(&setup.scenery, r, Some(&*cancel))).collect();
     let methods: Vec<&dyn harness::Method> = methods.iter().map(|m| m as _).collect();
@@ -143,6 +160,10 @@ fn meta(setup: &Setup, density: &Density) -> RunMeta {
         0 => String::new(),
         n => format!("; {n} negative voxels count as 0, dropping {:.4e}", mass.dropped),
     };
+    let effects = match setup.scenery.effects.is_plain() {
+        true => String::new(),
+        false => format!("; effects {}", json!(setup.scenery.effects)),
+    };
     let order = setup.request.order.resolve(&setup.scenery.camera, setup.scenery.volume.grid());
     RunMeta {
         dataset: Path::new(&setup.input).file_name().map_or(setup.input.clone(), |n| n.to_string_lossy().into_owned()),
@@ -150,7 +171,7 @@ fn meta(setup: &Setup, density: &Density) -> RunMeta {
         kernel: setup.request.kernel,
         estimand: setup.request.estimand,
         density: format!(
-            "{:?}, mass {:.6e}; voxel order {}, scramble {}{clamped}",
+            "{:?}, mass {:.6e}; voxel order {}, scramble {}{clamped}{effects}",
             setup.scenery.map.transfer,
             mass.mass,
             order.name(),
@@ -173,13 +194,16 @@ fn command() -> String {
 }
 
 /// The reference image: from an earlier run into the same folder if it is the same, else ray cast.
-fn truth(setup: &Setup, density: &Density, out: &Path, cancel: &AtomicBool, quiet: bool) -> anyhow::Result<Truth> {
+fn truth(setup: &Setup, mass: f64, out: &Path, cancel: &AtomicBool, quiet: bool) -> anyhow::Result<Truth> {
     let (record, image) = (out.join("truth.json"), out.join("truth.npy"));
     let tolerance = setup.request.tolerance;
-    let key = json!({
-        "geometry": setup.geometry(), "map": setup.scenery.map, "mass": density.mass(), "tolerance": tolerance,
+    let mut key = json!({
+        "geometry": setup.geometry(), "map": setup.scenery.map, "mass": mass, "tolerance": tolerance,
         "kernel": setup.request.kernel, "estimand": setup.request.estimand, "version": env!("CARGO_PKG_VERSION"),
     });
+    if !setup.scenery.effects.is_plain() {
+        key["effects"] = json!(setup.scenery.effects);
+    }
     if let Some(truth) = stored_truth(&record, &image, &key) {
         return Ok(truth);
     }
@@ -188,27 +212,23 @@ fn truth(setup: &Setup, density: &Density, out: &Path, cancel: &AtomicBool, quie
     bar.set_message("ray casting the truth");
     let advance = |n: u64| bar.inc(n);
     let watch = Watch { progress: Some(&advance), cancel: Some(cancel) };
-    let options = ReferenceOptions {
-        kernel: setup.request.kernel,
-        estimand: setup.request.estimand,
-        tolerance,
-        ..ReferenceOptions::default()
-    };
-    let made = reference(density, camera, &options, &watch);
+    let made = make(&setup.scenery, &Request { method: Method::Exact, ..setup.request }, &watch);
     bar.finish_and_clear();
     let made = match made {
-        Err(mcvr::raycast::RaycastError::Cancelled) => return Err(anyhow::Error::new(Interrupted)),
+        Err(e) if e.is_cancelled() => return Err(anyhow::Error::new(Interrupted)),
         other => other?,
     };
+    let rel_error_estimate = made.error.context("the reference states no error")?;
+    let seconds = made.seconds.projection;
     film::write(&made.image, &image, film::ImageFormat::Npy, &film::Tone::default())?;
     write_json(
         &record,
         &json!({
-            "key": key, "rel_error_estimate": made.error.rel_rmse_estimate, "seconds": made.seconds,
-            "depth_limited_pixels": made.error.depth_limited, "counters": made.counters,
+            "key": key, "rel_error_estimate": rel_error_estimate, "seconds": seconds,
+            "depth_limited_pixels": made.counters["depth_limited"], "counters": made.counters["reference"],
         }),
     )?;
-    Ok(Truth { image: made.image, rel_error_estimate: made.error.rel_rmse_estimate, seconds: made.seconds })
+    Ok(Truth { image: made.image, rel_error_estimate, seconds })
 }
 
 fn stored_truth(record: &Path, image: &Path, key: &Value) -> Option<Truth> {

@@ -3,14 +3,17 @@
 mod args;
 mod compare;
 mod converge;
+mod effect_args;
 mod info;
 mod numbers;
 mod orbit;
 mod process;
 mod progress;
 mod project;
+mod radiograph;
 mod render;
 mod sample;
+mod schema;
 mod setup;
 
 use std::process::ExitCode;
@@ -63,6 +66,8 @@ enum Command {
     Compare(compare::Args),
     /// Describe a volume file
     Info(info::Args),
+    /// Print the JSON Schema of scene files
+    Schema(schema::Args),
 }
 
 /// Interrupted by the user; what was finished is kept.
@@ -95,6 +100,7 @@ pub fn run() -> ExitCode {
         Some(Command::Converge(args)) => converge::run(&args, cli.quiet),
         Some(Command::Compare(args)) => compare::run(&args),
         Some(Command::Info(args)) => info::run(&args),
+        Some(Command::Schema(args)) => schema::run(&args),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

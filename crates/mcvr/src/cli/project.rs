@@ -6,7 +6,7 @@ use std::time::Instant;
 use mcvr::sampling::{ProjectOptions, Rendered, SamplingError, project_cloud};
 use mcvr::scene::film::{self, ImageFormat, Tone};
 use mcvr::scene::{Estimand, Watch};
-use mcvr::{SceneFile, read_cloud};
+use mcvr::{CameraSection, read_cloud};
 use serde_json::{Value, json};
 
 use super::args::{ToneArgs, ViewArgs};
@@ -48,7 +48,7 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     check_folders(args.outputs.iter().chain(&args.json))?;
     let cloud = read_cloud(&args.cloud)?;
     let load = start.elapsed().as_secs_f64();
-    let (camera, view) = camera(&args.view, &SceneFile::default(), cloud.grid())?;
+    let (camera, view) = camera(&args.view, &CameraSection::default(), None, cloud.grid())?;
     let estimand = args.estimand.unwrap_or_default();
     let cancel = progress::interrupt_flag();
     let bar = progress::bar(cloud.samples(), quiet);

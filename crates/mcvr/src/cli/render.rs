@@ -11,15 +11,19 @@ use mcvr::{Made, Method, make};
 use serde_json::{Value, json};
 
 use super::args::{BudgetArgs, DensityArgs, MethodArgs, ToneArgs, ViewArgs, VolumeArgs};
-use super::setup::{Setup, setup};
-use super::{Interrupted, process, progress};
+use super::effect_args::{EffectArgs, FilmArgs};
+use super::setup::{Setup, Viewpoint, setup};
+use super::{Interrupted, process, progress, radiograph};
 
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  \
     mcvr render phantom:lobster -o lobster.png\n  \
     mcvr render scan.nii.gz --view 0,90 --samples 2^24 --estimand line -o scan.exr --json scan.json\n  \
     mcvr render head.raw --dims 256,256,113 --type u16 --endian be --spacing 1,1,2 --emphasis 1200,8 -o head.png\n  \
-    mcvr render chest.mha --map hounsfield --tone film -o radiograph.png --deep\n  \
+    mcvr render chest.mha --map hounsfield:60keV --photons 1e4 -o radiograph.png --deep\n  \
+    mcvr render head.nrrd --shade --depth-cue --light around:60,30 -o shaded.png\n  \
+    mcvr render head.nrrd --material 300..=#ffffff*2:bone --material=-200..300=#c04030:tissue -o materials.png\n  \
+    mcvr render --scene examples/two-cameras.toml -o out.png    one image a camera: out-front.png, out-side.png\n  \
     mcvr render phantom:vessels --method exact --size 256x256 -o truth.npy")]
 pub struct Args {
     #[command(flatten)]
@@ -39,6 +43,10 @@ pub struct Args {
     #[command(flatten)]
     density: DensityArgs,
     #[command(flatten)]
+    effects: EffectArgs,
+    #[command(flatten)]
+    film: FilmArgs,
+    #[command(flatten)]
     tone: ToneArgs,
 }
 
@@ -52,21 +60,65 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
             bail!("{}: no such folder for the output", folder.display());
         }
     }
-    let setup = setup(&args.volume, &args.density, &args.view, &args.method, &args.budget, &args.tone)?;
-    let made = render(&setup, quiet)?;
-    let writing = Instant::now();
-    for (path, format) in args.outputs.iter().zip(&formats) {
-        film::write(&made.image, path, *format, &setup.tone)?;
+    let mut setup =
+        setup(&args.volume, &args.density, &args.view, &args.method, &args.budget, &args.tone, &args.effects)?;
+    let film = args.film.join(setup.film);
+    setup.check_effects()?;
+    radiograph::check(&film, &setup)?;
+    for note in &setup.notes {
+        eprintln!("mcvr: note: {note}");
     }
-    let write_seconds = writing.elapsed().as_secs_f64();
-    let record = record(&setup, &made, args, write_seconds, start.elapsed().as_secs_f64());
+    let views = std::mem::take(&mut setup.views);
+    let mut records = vec![];
+    for Viewpoint { camera, label, words } in &views {
+        let begin = if records.is_empty() { start } else { Instant::now() };
+        let one = views.len() == 1;
+        let outputs: Vec<PathBuf> =
+            args.outputs.iter().map(|p| if one { p.clone() } else { labelled(p, label) }).collect();
+        setup.scenery.camera = camera.clone();
+        setup.view.clone_from(words);
+        let made = render(&setup, quiet)?;
+        let film_made = radiograph::develop(&film, &setup, &made)?;
+        let writing = Instant::now();
+        for (path, format) in outputs.iter().zip(&formats) {
+            match (&film_made, &made.colour) {
+                (Some(r), _) => film::write(&r.image, path, *format, &setup.tone)?,
+                (None, Some(channels)) => film::write_colour(channels, path, *format, &setup.tone)?,
+                (None, None) => film::write(&made.image, path, *format, &setup.tone)?,
+            }
+        }
+        let seconds = [writing.elapsed().as_secs_f64(), begin.elapsed().as_secs_f64()];
+        let mut record = record(&setup, &made, &outputs, seconds);
+        if let Some(r) = &film_made {
+            record["unit"] = json!("transmission");
+            record["film"] = radiograph::record(&film, r, setup.request.seed);
+        }
+        if !one {
+            record["camera"]["name"] = json!(label);
+        }
+        records.push(record);
+        if !quiet {
+            summarise(&setup, &made, &outputs);
+            if let Some(r) = &film_made {
+                radiograph::summarise(&film, r);
+            }
+        }
+    }
     if let Some(path) = &args.json {
+        let record = match records.len() {
+            1 => records.remove(0),
+            _ => json!({ "images": records, "versions": { "mcvr": env!("CARGO_PKG_VERSION"), "record": 1 } }),
+        };
         write_json(path, &record)?;
     }
-    if !quiet {
-        summarise(&setup, &made, &args.outputs);
-    }
     Ok(())
+}
+
+/// `out.png` of the camera `front`: `out-front.png`.
+fn labelled(path: &Path, label: &str) -> PathBuf {
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let ending = path.extension().unwrap_or_default().to_string_lossy();
+    path.with_file_name(format!("{stem}-{label}.{ending}"))
 }
 
 /// Makes the image with a progress bar; warns of mass that the density map dropped or the near plane cut.
@@ -84,9 +136,6 @@ fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
         Err(e) if e.is_cancelled() => return Err(anyhow::Error::new(Interrupted)),
         other => other?,
     };
-    for note in &setup.notes {
-        eprintln!("mcvr: note: {note}");
-    }
     let (method, samples) = (setup.request.method, setup.request.samples);
     if method == Method::Qmc && !samples.is_power_of_two() && !quiet {
         eprintln!(
@@ -121,7 +170,7 @@ fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
     Ok(made)
 }
 
-fn record(setup: &Setup, made: &Made, args: &Args, write: f64, total: f64) -> Value {
+fn record(setup: &Setup, made: &Made, outputs: &[PathBuf], [write, total]: [f64; 2]) -> Value {
     let r = &setup.request;
     let s = &made.seconds;
     let mut record = json!({
@@ -144,9 +193,12 @@ fn record(setup: &Setup, made: &Made, args: &Args, write: f64, total: f64) -> Va
         "counters": made.counters,
         "threads": rayon::current_num_threads(),
         "peak_memory_bytes": process::peak_memory(),
-        "outputs": args.outputs,
+        "outputs": outputs,
         "versions": { "mcvr": env!("CARGO_PKG_VERSION"), "record": 1 },
     });
+    if !setup.scenery.effects.is_plain() {
+        record["effects"] = json!(setup.scenery.effects);
+    }
     if let (Value::Object(to), Value::Object(from)) = (&mut record, setup.geometry()) {
         to.extend(from);
     }

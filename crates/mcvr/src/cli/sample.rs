@@ -11,6 +11,7 @@ use mcvr::{draw_cloud, write_cloud, write_ply};
 use serde_json::{Value, json};
 
 use super::args::{BudgetArgs, DensityArgs, MethodArgs, ToneArgs, ViewArgs, VolumeArgs};
+use super::effect_args::EffectArgs;
 use super::render::write_json;
 use super::setup::{Setup, scene_file, setup};
 use super::{Interrupted, process, progress};
@@ -102,7 +103,19 @@ pub fn draw(volume: &VolumeArgs, args: &DrawArgs, quiet: bool) -> anyhow::Result
         scene: args.scene.clone(),
         ..MethodArgs::default()
     };
-    let mut setup = setup(volume, &args.density, &ViewArgs::default(), &method, &args.budget, &ToneArgs::default())?;
+    let mut setup = setup(
+        volume,
+        &args.density,
+        &ViewArgs::default(),
+        &method,
+        &args.budget,
+        &ToneArgs::default(),
+        &EffectArgs::default(),
+    )?;
+    let effects = &setup.scenery.effects;
+    if effects.shading.is_some() || effects.depth_cue.is_some() || effects.depth_colour.is_some() {
+        eprintln!("mcvr: note: points keep the weights of the scene's materials and none of its other effects");
+    }
     setup.request.order = args.order.or(scene_file(&method)?.sampling.order).unwrap_or(VoxelOrder::Raster);
     let samples = setup.request.samples;
     let bytes = samples.saturating_mul(Cloud::BYTES_PER_POINT);

@@ -4,13 +4,14 @@ use std::path::Path;
 use std::time::Instant;
 
 use anyhow::{Context, bail};
-use mcvr::scene::film::Tone;
+use mcvr::scene::film::{Film, Tone};
 use mcvr::scene::{Camera, DensityMap, Extent, View};
-use mcvr::volume::{FileFormat, RawOptions};
-use mcvr::{Request, SceneFile, Scenery};
+use mcvr::volume::{FileFormat, Grid, RawOptions};
+use mcvr::{CameraSection, Request, SceneFile, Scenery};
 use serde_json::{Value, json};
 
 use super::args::{BudgetArgs, DensityArgs, MethodArgs, ToneArgs, ViewArgs, VolumeArgs};
+use super::effect_args::EffectArgs;
 
 /// Everything that a command needs to make images.
 pub struct Setup {
@@ -24,6 +25,20 @@ pub struct Setup {
     pub load_seconds: f64,
     /// The view in words.
     pub view: String,
+    /// The scene's cameras, at least one; the scenery has the first.
+    pub views: Vec<Viewpoint>,
+    /// The scene's film.
+    pub film: Film,
+}
+
+/// A camera of a scene.
+#[derive(Clone)]
+pub struct Viewpoint {
+    pub camera: Camera,
+    /// Name or number.
+    pub label: String,
+    /// In words.
+    pub words: String,
 }
 
 /// The scene file that was asked for, or an empty one.
@@ -39,6 +54,7 @@ pub fn setup(
     method: &MethodArgs,
     budget: &BudgetArgs,
     tone: &ToneArgs,
+    effects: &EffectArgs,
 ) -> anyhow::Result<Setup> {
     let scene = scene_file(method)?;
     let (input, options) = volume_options(volume, &scene);
@@ -56,7 +72,8 @@ pub fn setup(
         negative: density.negative.unwrap_or(base.negative),
         gains: None,
     };
-    let (camera, view) = camera(view, &scene, loaded.volume.grid())?;
+    let views = views(view, method.camera.as_deref(), &scene, loaded.volume.grid())?;
+    let Some(Viewpoint { camera, words: view, .. }) = views.first().cloned() else { bail!("no camera") };
     let defaults = Request::default();
     let (image, sampling) = (&scene.image, &scene.sampling);
     let request = Request {
@@ -77,8 +94,12 @@ pub fn setup(
         invert: tone.invert || base.invert,
         window: tone.window.unwrap_or(base.window),
     };
-    let scenery = Scenery::new(loaded.volume, map, camera);
-    Ok(Setup { scenery, request, tone, format: loaded.format, notes: loaded.notes, input, load_seconds, view })
+    let film = scene.film.unwrap_or_default();
+    let effects = effects.join(scene.effects.unwrap_or_default());
+    effects.check()?;
+    let scenery = Scenery::new(loaded.volume, map, camera).with_effects(effects);
+    let (format, notes) = (loaded.format, loaded.notes);
+    Ok(Setup { scenery, request, tone, format, notes, input, load_seconds, view, views, film })
 }
 
 /// Input and raw geometry from flags and scene.
@@ -101,11 +122,41 @@ fn hinted(error: mcvr::volume::VolumeError, input: &str) -> anyhow::Error {
     if phantom { anyhow::anyhow!("{error}; did you mean phantom:{input}?") } else { anyhow::Error::new(error) }
 }
 
-/// The camera of flags, scene and defaults, and the view in words.
-pub fn camera(args: &ViewArgs, scene: &SceneFile, grid: &mcvr::volume::Grid) -> anyhow::Result<(Camera, String)> {
-    let none = mcvr::CameraSection::default();
-    let file = scene.cameras.first().unwrap_or(&none);
-    let extent = match (args.size, scene.image.size) {
+/// The cameras of flags, scene and defaults: those of the scene, or the one that is picked. A view or a matrix among the
+/// flags stands for them all.
+fn views(args: &ViewArgs, pick: Option<&str>, scene: &SceneFile, grid: &Grid) -> anyhow::Result<Vec<Viewpoint>> {
+    let all: Vec<(String, CameraSection)> =
+        scene.cameras.iter().enumerate().map(|(i, c)| (c.label(i), c.clone())).collect();
+    let labels = || all.iter().map(|(l, _)| l.clone()).collect::<Vec<_>>().join(", ");
+    let chosen = match pick {
+        Some(pick) => {
+            let number = pick.parse::<usize>().ok().and_then(|n| n.checked_sub(1));
+            let found = all.iter().find(|(label, _)| label == pick).or_else(|| all.get(number?));
+            let Some(found) = found else { bail!("--camera {pick}: the scene's cameras are {}", labels()) };
+            vec![found.clone()]
+        }
+        None if all.is_empty() || (all.len() > 1 && (args.view.is_some() || args.matrix.is_some())) => {
+            vec![("1".into(), CameraSection::default())]
+        }
+        None => all,
+    };
+    chosen
+        .into_iter()
+        .map(|(label, section)| {
+            let (camera, words) = camera(args, &section, scene.image.size, grid)?;
+            Ok(Viewpoint { camera, label, words })
+        })
+        .collect()
+}
+
+/// The camera of flags, a section and defaults, and the view in words.
+pub fn camera(
+    args: &ViewArgs,
+    file: &CameraSection,
+    size: Option<[usize; 2]>,
+    grid: &Grid,
+) -> anyhow::Result<(Camera, String)> {
+    let extent = match (args.size, size) {
         (Some(size), _) => size,
         (None, Some([w, h])) => Extent::new(w, h)?,
         (None, None) => Extent::new(400, 400)?,
@@ -160,6 +211,14 @@ fn read_matrix(path: &Path) -> anyhow::Result<[[f64; 4]; 3]> {
 }
 
 impl Setup {
+    /// Refuses effects that a camera cannot have, before the work.
+    pub fn check_effects(&self) -> anyhow::Result<()> {
+        for view in &self.views {
+            self.scenery.effects.look(self.scenery.volume.grid(), &view.camera)?;
+        }
+        Ok(())
+    }
+
     /// The geometry as the JSON record has it.
     pub fn geometry(&self) -> Value {
         let (volume, camera) = (&self.scenery.volume, &self.scenery.camera);

@@ -41,7 +41,7 @@ pub struct Emphasis {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum NegativePolicy {
-    /// They become 0; [`MassReport`] says how many and how much mass that drops.
+    /// They become 0; the mass report says how many and how much mass that drops.
     #[default]
     Clamp,
     /// They are an error.

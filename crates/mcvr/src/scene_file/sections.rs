@@ -12,7 +12,7 @@ use serde::de::{Deserializer, Error, MapAccess, SeqAccess, Visitor};
 use super::schema;
 use crate::Method;
 
-/// `[volume]`
+/// Which scan.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct VolumeSection {
@@ -33,7 +33,7 @@ pub struct VolumeSection {
     pub spacing: Option<[f64; 3]>,
 }
 
-/// `[camera]`, or one of several `[[camera]]`
+/// A view: `[camera]`, or one of several `[[camera]]`.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct CameraSection {
@@ -61,7 +61,7 @@ impl CameraSection {
     }
 }
 
-/// `[image]`
+/// Which image.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ImageSection {
@@ -73,7 +73,7 @@ pub struct ImageSection {
     pub estimand: Option<Estimand>,
 }
 
-/// `[sampling]`
+/// By which method and budget.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct SamplingSection {

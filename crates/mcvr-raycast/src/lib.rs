@@ -18,6 +18,7 @@
 //! CT array*, Medical Physics 12, 1985 (the exact integral for `box`); P. Joseph, *An improved algorithm for
 //! reprojecting rays through pixel images*, IEEE Trans. Medical Imaging 1, 1982 (the march over interpolated samples).
 
+mod adaptive;
 mod bricks;
 mod cell;
 mod counters;
@@ -27,7 +28,6 @@ mod field;
 mod integrator;
 mod march;
 mod pattern;
-
 mod reference;
 mod sampled;
 mod view;
@@ -36,7 +36,6 @@ mod walk;
 pub use counters::Counters;
 pub use error::RaycastError;
 pub use integrator::{Integrator, Rays};
-
 pub use march::{MarchImage, MarchOptions, march};
 pub use mcvr_scene::Watch;
 pub use reference::{ErrorEstimate, Reference, ReferenceOptions, reference};

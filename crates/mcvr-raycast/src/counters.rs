@@ -20,6 +20,10 @@ pub struct Counters {
     /// Voxels read from the volume while casting (voxels outside the grid are not read; preparing the brick
     /// map, which looks at every voxel about once, is not counted).
     pub voxel_reads: u64,
+    /// Points at which shading evaluated the gradient; 0 without shading.
+    pub gradients: u64,
+    /// Voxels whose colour was looked up; 0 without materials.
+    pub colours: u64,
 }
 
 impl AddAssign for Counters {
@@ -29,5 +33,7 @@ impl AddAssign for Counters {
         self.empty_bricks += other.empty_bricks;
         self.evaluations += other.evaluations;
         self.voxel_reads += other.voxel_reads;
+        self.gradients += other.gradients;
+        self.colours += other.colours;
     }
 }

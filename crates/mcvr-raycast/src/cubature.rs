@@ -12,6 +12,8 @@
 //! second rule is for lines that are all alike: voxel faces seen edge-on, parallel to the pixels. (J. Berntsen and
 //! T. Espelid, *Error estimation in automatic quadrature routines*, ACM TOMS 17, 1991, use several null rules likewise.)
 //!
+//! An integrand may have several channels; they share the squares, and each must meet the tolerance.
+//!
 //! Why a closed rule, when Gauss points would be fewer: line integrals have kinks, and with `box` jumps, where voxel
 //! faces are seen edge-on. An open rule has gaps along the square's border; a kink in a gap goes unseen by the coarse
 //! and by the fine rule, which then agree exactly on a wrong result. A closed rule sees every one of them.
@@ -40,28 +42,28 @@ pub(crate) struct Limits {
     pub depth: u32,
 }
 
-/// A pixel's mean with its error estimate.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct PixelMean {
-    pub value: f64,
-    pub error: f64,
+/// A pixel's mean with its error estimate, by channel.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct PixelMean<const C: usize> {
+    pub value: [f64; C],
+    pub error: [f64; C],
     /// The depth limit stopped the refinement above the tolerance.
     pub limited: bool,
 }
 
 #[derive(Clone, Copy)]
-struct Square {
+struct Square<const C: usize> {
     x: f64,
     y: f64,
     depth: u32,
     /// Mean by the fine rule.
-    fine: f64,
-    error: f64,
+    fine: [f64; C],
+    error: [f64; C],
     /// The integrand at the 5×5 points, row by row.
-    values: [f64; 25],
+    values: [[f64; C]; 25],
 }
 
-impl Square {
+impl<const C: usize> Square<C> {
     fn side(&self) -> f64 {
         (0.5f64).powi(self.depth as i32)
     }
@@ -69,6 +71,21 @@ impl Square {
     fn area(&self) -> f64 {
         (0.25f64).powi(self.depth as i32)
     }
+
+    /// Share of the pixel's error: that of the worst channel.
+    fn worst(&self) -> f64 {
+        largest(self.error) * self.area()
+    }
+}
+
+/// The largest of some errors (at least 0).
+fn largest<const C: usize>(errors: [f64; C]) -> f64 {
+    errors.into_iter().fold(0.0, f64::max)
+}
+
+/// `Σ of(square) area`, by channel.
+fn sum<const C: usize>(squares: &[Square<C>], of: impl Fn(&Square<C>) -> [f64; C]) -> [f64; C] {
+    std::array::from_fn(|c| squares.iter().map(|s| of(s)[c] * s.area()).sum())
 }
 
 /// Entry of the queue: largest error first, then the older square, so that the order is the same every time.
@@ -93,10 +110,15 @@ impl PartialOrd for Worst {
 }
 
 /// Reusable memory.
-#[derive(Default)]
-pub(crate) struct Scratch {
-    squares: Vec<Square>,
+pub(crate) struct Scratch<const C: usize> {
+    squares: Vec<Square<C>>,
     queue: BinaryHeap<Worst>,
+}
+
+impl<const C: usize> Default for Scratch<C> {
+    fn default() -> Self {
+        Self { squares: Vec::new(), queue: BinaryHeap::new() }
+    }
 }
 
 const FINE: [f64; 5] = [1.0 / 12.0, 4.0 / 12.0, 2.0 / 12.0, 4.0 / 12.0, 1.0 / 12.0];
@@ -114,13 +136,13 @@ fn doubt(v: impl Fn(usize) -> f64) -> f64 {
 impl Rule {
     /// Evaluates a square of side 2^-depth with its lowest corner at (x, y). `parent` gives the square of which
     /// it is the quarter `q` (x first).
-    fn assess(
+    fn assess<const C: usize>(
         self,
-        f: &mut impl FnMut(f64, f64) -> f64,
+        f: &mut impl FnMut(f64, f64) -> [f64; C],
         (x, y, depth): (f64, f64, u32),
-        parent: Option<(&Square, usize)>,
-    ) -> Square {
-        let mut s = Square { x, y, depth, fine: 0.0, error: 0.0, values: [0.0; 25] };
+        parent: Option<(&Square<C>, usize)>,
+    ) -> Square<C> {
+        let mut s = Square { x, y, depth, fine: [0.0; C], error: [0.0; C], values: [[0.0; C]; 25] };
         let side = s.side();
         let inset = if self == Rule::Jumps { 1e-9 } else { 0.0 };
         let shared = if self == Rule::Jumps { None } else { parent };
@@ -133,23 +155,27 @@ impl Rule {
                     _ => f(at(x, i), at(y, j)),
                 };
                 s.values[5 * j + i] = v;
-                s.fine += wx * wy * v;
+                for (fine, v) in s.fine.iter_mut().zip(v) {
+                    *fine += wx * wy * v;
+                }
             }
         }
         for (n, w) in FINE.iter().enumerate() {
-            s.error += w * (doubt(|i| s.values[5 * n + i]) + doubt(|i| s.values[5 * i + n]));
+            for (c, error) in s.error.iter_mut().enumerate() {
+                *error += w * (doubt(|i| s.values[5 * n + i][c]) + doubt(|i| s.values[5 * i + n][c]));
+            }
         }
         s
     }
 
     /// Mean of `f` over the pixel [x, x+1) × [y, y+1).
-    pub fn pixel_mean(
+    pub fn pixel_mean<const C: usize>(
         self,
-        mut f: impl FnMut(f64, f64) -> f64,
+        mut f: impl FnMut(f64, f64) -> [f64; C],
         (x, y): (f64, f64),
         limits: Limits,
-        scratch: &mut Scratch,
-    ) -> PixelMean {
+        scratch: &mut Scratch<C>,
+    ) -> PixelMean<C> {
         let Scratch { squares, queue } = scratch;
         squares.clear();
         queue.clear();
@@ -160,12 +186,12 @@ impl Rule {
                 squares.push(self.assess(&mut f, (x + i as f64 * side, y + j as f64 * side, limits.base), None));
             }
         }
-        let mut total: f64 = squares.iter().map(|s| s.error * s.area()).sum();
+        let mut total = sum(squares, |s| s.error);
         let mut limited = false;
-        if total > limits.tolerance {
-            queue.extend(squares.iter().enumerate().map(|(index, s)| Worst { error: s.error * s.area(), index }));
-            while total > limits.tolerance {
-                let Some(Worst { error, index }) = queue.pop() else {
+        if largest(total) > limits.tolerance {
+            queue.extend(squares.iter().enumerate().map(|(index, s)| Worst { error: s.worst(), index }));
+            while largest(total) > limits.tolerance {
+                let Some(Worst { index, .. }) = queue.pop() else {
                     limited = true;
                     break;
                 };
@@ -173,13 +199,19 @@ impl Rule {
                 if parent.depth >= limits.depth {
                     continue;
                 }
-                total -= error;
+                let area = parent.area();
+                for (total, e) in total.iter_mut().zip(parent.error) {
+                    *total -= e * area;
+                }
                 let half = 0.5 * parent.side();
                 for q in 0..4 {
                     let (cx, cy) = (parent.x + half * (q & 1) as f64, parent.y + half * (q >> 1) as f64);
                     let child = self.assess(&mut f, (cx, cy, parent.depth + 1), Some((&parent, q)));
-                    let error = child.error * child.area();
-                    total += error;
+                    let area = child.area();
+                    for (total, e) in total.iter_mut().zip(child.error) {
+                        *total += e * area;
+                    }
+                    let error = child.worst();
                     // The first quarter takes the parent's place, the others go to the end.
                     let at = if q == 0 { index } else { squares.len() };
                     if q == 0 {
@@ -191,11 +223,7 @@ impl Rule {
                 }
             }
         }
-        PixelMean {
-            value: squares.iter().map(|s| s.fine * s.area()).sum(),
-            error: squares.iter().map(|s| s.error * s.area()).sum(),
-            limited,
-        }
+        PixelMean { value: sum(squares, |s| s.fine), error: sum(squares, |s| s.error), limited }
     }
 }
 
@@ -205,14 +233,39 @@ mod tests {
 
     const LIMITS: Limits = Limits { tolerance: 1e-6, base: 0, depth: 9 };
 
-    fn mean(rule: Rule, f: impl Fn(f64, f64) -> f64) -> (PixelMean, u32) {
+    /// A mean of one channel.
+    #[derive(Debug)]
+    struct Mean {
+        value: f64,
+        error: f64,
+        limited: bool,
+    }
+
+    fn within(rule: Rule, limits: Limits, mut f: impl FnMut(f64, f64) -> f64) -> Mean {
+        let m = rule.pixel_mean(|x, y| [f(x, y)], (3.0, 5.0), limits, &mut Scratch::default());
+        Mean { value: m.value[0], error: m.error[0], limited: m.limited }
+    }
+
+    fn mean(rule: Rule, f: impl Fn(f64, f64) -> f64) -> (Mean, u32) {
         let mut calls = 0;
         let counted = |x, y| {
             calls += 1;
             f(x, y)
         };
-        let result = rule.pixel_mean(counted, (3.0, 5.0), LIMITS, &mut Scratch::default());
+        let result = within(rule, LIMITS, counted);
         (result, calls)
+    }
+
+    #[test]
+    fn every_channel_meets_the_tolerance() {
+        let peak = |x: f64, y: f64, k: f64| (-k * ((x - 3.3).powi(2) + (y - 5.6).powi(2))).exp();
+        let f = |x: f64, y: f64| [1.0, peak(x, y, 40.0), (x - 3.17).max(0.0)];
+        let m = Rule::Continuous.pixel_mean(f, (3.0, 5.0), LIMITS, &mut Scratch::default());
+        let alone = mean(Rule::Continuous, |x, y| peak(x, y, 40.0)).0;
+        assert!((m.value[0] - 1.0).abs() < 1e-14 && m.error[0] == 0.0, "{m:?}");
+        assert!((m.value[1] - alone.value).abs() <= alone.error + m.error[1], "{m:?} {alone:?}");
+        assert!((m.value[2] - 0.83f64.powi(2) / 2.0).abs() <= m.error[2] + 1e-9, "{m:?}");
+        assert!(m.error.iter().all(|e| *e <= 1e-6) && !m.limited, "{m:?}");
     }
 
     #[test]
@@ -231,7 +284,7 @@ mod tests {
     fn the_estimate_bounds_the_error_of_a_smooth_peak_and_of_a_kink() {
         for rule in [Rule::Continuous, Rule::Jumps] {
             let peak = |x: f64, y: f64| (-40.0 * ((x - 3.3).powi(2) + (y - 5.6).powi(2))).exp();
-            let fine = rule.pixel_mean(peak, (3.0, 5.0), Limits { base: 6, ..LIMITS }, &mut Scratch::default());
+            let fine = within(rule, Limits { base: 6, ..LIMITS }, peak);
             let (m, _) = mean(rule, peak);
             assert!((m.value - fine.value).abs() <= m.error && m.error <= 1e-6, "{m:?} {fine:?}");
             for n in 1..100 {
@@ -250,7 +303,7 @@ mod tests {
             let edge = f64::from(n) / 200.0;
             let limits = Limits { depth: 5, ..LIMITS };
             let jump = |x: f64, _: f64| f64::from(u8::from(x - 3.0 >= edge));
-            let m = Rule::Jumps.pixel_mean(jump, (3.0, 5.0), limits, &mut Scratch::default());
+            let m = within(Rule::Jumps, limits, jump);
             let e = m.value - (1.0 - edge);
             // Both rules can be off to the same side, so that the estimate of one jump is up to half too small.
             assert!(e.abs() <= 2.0 * m.error + 1e-8, "jump at {edge}: {m:?}");

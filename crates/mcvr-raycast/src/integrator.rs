@@ -50,26 +50,19 @@ impl<'a> Integrator<'a> {
         Rays { field: &*self.field, view, squared }
     }
 
-    /// [`outline`] of the density.
-    pub(crate) fn outline(&self, camera: &Camera) -> [usize; 4] {
-        let (low, high) = self.index_bounds();
-        outline(camera, self.density.volume().grid(), low, high)
-    }
-
     /// The box around all density, in index coordinates.
-    fn index_bounds(&self) -> ([f64; 3], [f64; 3]) {
+    pub(crate) fn index_bounds(&self) -> ([f64; 3], [f64; 3]) {
         let (low, high) = self.field.bounds();
         let support = self.kernel.support();
         (low.map(|v| v - support), high.map(|v| v - support))
     }
+}
 
-    /// Length of a pixel's side in voxels, at the far end of the density.
-    pub(crate) fn coarsest_pixel(&self, camera: &Camera, rays: &Rays<'_>) -> f64 {
-        let (low, high) = self.index_bounds();
-        let corners = projected_corners(camera, self.density.volume().grid(), low, high);
-        let depth = corners.iter().map(|c| c.2).fold(f64::NEG_INFINITY, f64::max);
-        rays.view.pixel_in_voxels(depth)
-    }
+/// Length of a pixel's side in voxels, at the far end of a box given in index coordinates.
+pub(crate) fn coarsest_pixel(camera: &Camera, grid: &Grid, view: &View, low: [f64; 3], high: [f64; 3]) -> f64 {
+    let corners = projected_corners(camera, grid, low, high);
+    let depth = corners.iter().map(|c| c.2).fold(f64::NEG_INFINITY, f64::max);
+    view.pixel_in_voxels(depth)
 }
 
 /// Pixel coordinates and depths of the corners of a box given in index coordinates.
@@ -108,6 +101,10 @@ pub struct Rays<'a> {
 }
 
 impl Rays<'_> {
+    pub(crate) fn view(&self) -> &View {
+        &self.view
+    }
+
     /// The estimand's density at the image point (px, py): `∫ ρ dl` in weight units times mm for `line`,
     /// `(1/F) ∫ ρ / line_factor dl` per pixel area for `count`. Its mean over a pixel is the pixel's value.
     #[inline]

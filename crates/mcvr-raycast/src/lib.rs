@@ -18,25 +18,33 @@
 //! CT array*, Medical Physics 12, 1985 (the exact integral for `box`); P. Joseph, *An improved algorithm for
 //! reprojecting rays through pixel images*, IEEE Trans. Medical Imaging 1, 1982 (the march over interpolated samples).
 
+mod adaptive;
 mod bricks;
 mod cell;
 mod counters;
 mod cubature;
+mod effects;
 mod error;
+mod factor;
 mod field;
 mod integrator;
+mod line;
+mod lit;
 mod march;
+mod march_effects;
+mod neighbours;
+mod nested;
 mod pattern;
-
 mod reference;
 mod sampled;
 mod view;
 mod walk;
 
 pub use counters::Counters;
+pub use effects::{LookReference, reference_with_look};
 pub use error::RaycastError;
 pub use integrator::{Integrator, Rays};
-
 pub use march::{MarchImage, MarchOptions, march};
+pub use march_effects::{LookMarch, march_with_look};
 pub use mcvr_scene::Watch;
 pub use reference::{ErrorEstimate, Reference, ReferenceOptions, reference};

@@ -35,6 +35,18 @@ pub struct MarchOptions {
 impl MarchOptions {
     /// Largest `rays_per_pixel`.
     pub const RAYS_LIMIT: u32 = 1 << 20;
+
+    /// # Errors
+    /// [`RaycastError::Shell`], [`RaycastError::Step`] or [`RaycastError::Rays`].
+    pub(crate) fn check(&self) -> Result<(), RaycastError> {
+        if !self.step.is_finite() || self.step <= 0.0 {
+            return Err(RaycastError::Step(self.step));
+        }
+        if !(1..=Self::RAYS_LIMIT).contains(&self.rays_per_pixel) {
+            return Err(RaycastError::Rays { given: self.rays_per_pixel, limit: Self::RAYS_LIMIT });
+        }
+        if self.kernel == Kernel::Shell { Err(RaycastError::Shell) } else { Ok(()) }
+    }
 }
 
 impl Default for MarchOptions {
@@ -76,15 +88,7 @@ pub fn march(
     watch: &Watch,
 ) -> Result<MarchImage, RaycastError> {
     let start = Instant::now();
-    if !options.step.is_finite() || options.step <= 0.0 {
-        return Err(RaycastError::Step(options.step));
-    }
-    if !(1..=MarchOptions::RAYS_LIMIT).contains(&options.rays_per_pixel) {
-        return Err(RaycastError::Rays { given: options.rays_per_pixel, limit: MarchOptions::RAYS_LIMIT });
-    }
-    if options.kernel == Kernel::Shell {
-        return Err(RaycastError::Shell);
-    }
+    options.check()?;
     let job = Job { density, camera, options, watch };
     let (image, counters) = match density.volume().voxels() {
         Voxels::U8(voxels) if stored_is_weight(density) => job.run(voxels, Stored),

@@ -34,12 +34,23 @@ impl IndexRay {
     }
 }
 
+/// The same ray in the world: `x(t) = origin + t * direction` mm, at depth `depth + t` mm.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct WorldRay {
+    pub origin: DVec3,
+    pub direction: DVec3,
+    pub depth: f64,
+}
+
 /// A camera's rays as affine functions of the pixel coordinates (exact: both kinds of camera are).
 pub(crate) struct View {
     origin: [DVec3; 3],
     direction: [DVec3; 3],
     /// World direction per unit depth as a function of the pixel, for the length of a pinhole's ray.
     world: [DVec3; 3],
+    world_origin: [DVec3; 3],
+    /// Depth at parameter 0.
+    depth: f64,
     start: f64,
     parallel: bool,
     estimand: Estimand,
@@ -63,23 +74,22 @@ impl View {
             Estimand::Count => 1.0 / (mass * camera.det()),
         };
         let parallel = camera.is_parallel();
-        let (origin, world, start) = match camera.eye() {
-            Some(eye) => {
-                let origin = [to_index.transform_point3(eye) + shift, DVec3::ZERO, DVec3::ZERO];
-                (origin, [m.z_axis, m.x_axis, m.y_axis], camera.near())
-            }
+        let (world_origin, world, start, depth) = match camera.eye() {
+            Some(eye) => ([eye, DVec3::ZERO, DVec3::ZERO], [m.z_axis, m.x_axis, m.y_axis], camera.near(), 0.0),
             None => {
                 // Rays start beside the grid's centre, so that a far world origin costs no digits.
                 let axis = camera.axis();
                 let corner = camera.ray(0.0, 0.0).origin;
                 let corner = corner + axis * (grid.centre() - corner).dot(axis);
-                let across = |v: DVec3| to_index.transform_vector3(v);
-                let origin = [to_index.transform_point3(corner) + shift, across(m.x_axis), across(m.y_axis)];
-                (origin, [axis, DVec3::ZERO, DVec3::ZERO], f64::NEG_INFINITY)
+                let world_origin = [corner, m.x_axis, m.y_axis];
+                (world_origin, [axis, DVec3::ZERO, DVec3::ZERO], f64::NEG_INFINITY, camera.project(corner).2)
             }
         };
-        let direction = world.map(|v| to_index.transform_vector3(v));
-        Self { origin, direction, world, start, parallel, estimand, scale }
+        let [o, x, y] = world_origin;
+        let across = |v: DVec3| to_index.transform_vector3(v);
+        let origin = [to_index.transform_point3(o) + shift, across(x), across(y)];
+        let direction = world.map(across);
+        Self { origin, direction, world, world_origin, depth, start, parallel, estimand, scale }
     }
 
     /// True when the integrand carries the weight `t²`.
@@ -99,6 +109,16 @@ impl View {
         let stretch =
             if self.parallel || self.estimand == Estimand::Count { 1.0 } else { affine(&self.world, px, py).length() };
         (ray, stretch * self.scale)
+    }
+
+    /// The ray through (px, py) in the world.
+    #[inline]
+    pub fn world(&self, px: f64, py: f64) -> WorldRay {
+        WorldRay {
+            origin: affine(&self.world_origin, px, py),
+            direction: affine(&self.world, px, py),
+            depth: self.depth,
+        }
     }
 
     /// Length in voxels of one pixel's side, the longer of the two, at parameter `t` of the ray.

@@ -20,14 +20,20 @@ pub(crate) trait RayField: Send + Sync {
     fn bounds(&self) -> ([f64; 3], [f64; 3]);
 }
 
+/// The way through the bricks and cells of a grid.
+pub(crate) struct Walk {
+    bricks: Bricks,
+    /// The box around the occupied bricks, in cell coordinates.
+    pub low: [f64; 3],
+    pub high: [f64; 3],
+}
+
 /// Typed voxels with their weights, kernel and brick map.
 pub(crate) struct CellField<'a, T, W, K> {
     voxels: &'a [T],
     weights: W,
     dims: [usize; 3],
-    bricks: Bricks,
-    low: [f64; 3],
-    high: [f64; 3],
+    walk: Walk,
     kernel: PhantomData<K>,
 }
 
@@ -86,14 +92,14 @@ impl Crossings {
     }
 }
 
-impl<'a, T: Voxel, W: Weigh<T, f64>, K: CellKernel> CellField<'a, T, W, K> {
-    /// Scans the voxels once for the brick map.
-    pub fn new(voxels: &'a [T], weights: W, dims: [usize; 3]) -> Self {
-        let bricks = Bricks::new(voxels, &weights, dims, K::TAPS);
+impl Walk {
+    /// Scans the voxels once for the brick map; a cell depends on the `taps` voxels that end at its own index.
+    pub fn new<T: Voxel, W: Weigh<T, f64>>(voxels: &[T], weights: &W, dims: [usize; 3], taps: usize) -> Self {
+        let bricks = Bricks::new(voxels, weights, dims, taps);
         let side = SIDE as f64;
         let low = std::array::from_fn(|a| bricks.first[a] as f64 * side);
-        let high = std::array::from_fn(|a| ((bricks.last[a] + 1) as f64 * side).min((dims[a] + K::TAPS - 1) as f64));
-        Self { voxels, weights, dims, bricks, low, high, kernel: PhantomData }
+        let high = std::array::from_fn(|a| ((bricks.last[a] + 1) as f64 * side).min((dims[a] + taps - 1) as f64));
+        Self { bricks, low, high }
     }
 
     /// Index of the unit (cell, or brick when `side` is 8) that holds the ray's point at `t`, kept in `low..=high`.
@@ -105,20 +111,24 @@ impl<'a, T: Voxel, W: Weigh<T, f64>, K: CellKernel> CellField<'a, T, W, K> {
         })
     }
 
-    fn trace<const SQUARED: bool>(&self, ray: &IndexRay, counters: &mut Counters) -> f64 {
-        counters.rays += 1;
-        let Some((mut t, end)) = ray.clip(self.low, self.high) else { return 0.0 };
+    /// Calls `f` with every occupied brick and its part of the ray's range, from near to far. Counts the others.
+    #[inline(always)]
+    pub fn bricks(
+        &self,
+        ray: &IndexRay,
+        Range { start: mut t, end }: Range<f64>,
+        counters: &mut Counters,
+        mut f: impl FnMut([i32; 3], Range<f64>, &mut Counters),
+    ) {
         let first = self.bricks.first.map(|b| b as i32);
         let last = self.bricks.last.map(|b| b as i32);
         let mut brick = Self::locate(ray, t, 1.0 / SIDE as f64, first, last);
-        let inverse = ray.direction.map(|d| 1.0 / d);
-        let mut planes = Crossings::new(ray, inverse, brick, SIDE as f64);
-        let mut sum = 0.0;
+        let mut planes = Crossings::new(ray, ray.direction.map(|d| 1.0 / d), brick, SIDE as f64);
         loop {
             let leave = planes.nearest().min(end);
             if leave > t {
                 if self.bricks.occupied(brick) {
-                    sum += self.brick::<SQUARED>(ray, inverse, brick, t..leave, counters);
+                    f(brick, t..leave, counters);
                 } else {
                     counters.empty_bricks += 1;
                 }
@@ -131,28 +141,25 @@ impl<'a, T: Voxel, W: Weigh<T, f64>, K: CellKernel> CellField<'a, T, W, K> {
                 inside &= first[a] <= brick[a] && brick[a] <= last[a];
             }
             if !inside {
-                return sum;
+                return;
             }
         }
     }
 
-    /// The integral from `t` to `end` within one brick.
+    /// Calls `f` with every cell of a brick that the ray's range meets, and the piece of the ray in it.
     #[inline(always)]
-    fn brick<const SQUARED: bool>(
-        &self,
+    pub fn cells(
         ray: &IndexRay,
-        inverse: [f64; 3],
         brick: [i32; 3],
         Range { start: mut t, end }: Range<f64>,
-        counters: &mut Counters,
-    ) -> f64 {
+        mut f: impl FnMut([i32; 3], &Piece),
+    ) {
         let low = brick.map(|b| b * SIDE as i32);
         let high = low.map(|c| c + SIDE as i32 - 1);
         let mut cell = Self::locate(ray, t, 1.0, low, high);
-        let mut planes = Crossings::new(ray, inverse, cell, 1.0);
+        let mut planes = Crossings::new(ray, ray.direction.map(|d| 1.0 / d), cell, 1.0);
         let mut piece = Piece { local: local(ray, cell), step: ray.direction, from: t, to: t };
         let back: [f64; 3] = planes.step.map(f64::from);
-        let (mut sum, mut cells, mut reads) = (0.0, 0, 0);
         // A straight line meets at most 3 * 8 - 2 cells of a brick; the bound also ends walks on which rounding
         // keeps `t` from advancing.
         for _ in 0..3 * SIDE {
@@ -160,9 +167,7 @@ impl<'a, T: Voxel, W: Weigh<T, f64>, K: CellKernel> CellField<'a, T, W, K> {
             let leave = if leave < end { leave } else { end };
             if leave > t {
                 (piece.from, piece.to) = (t, leave);
-                let weights = self.gather(cell, &mut reads);
-                sum += K::integrate::<SQUARED>(&weights, &piece);
-                cells += 1;
+                f(cell, &piece);
                 t = leave;
             }
             if leave >= end {
@@ -174,6 +179,41 @@ impl<'a, T: Voxel, W: Weigh<T, f64>, K: CellKernel> CellField<'a, T, W, K> {
                 piece.local[a] -= keep(back[a], hit[a]);
             }
         }
+    }
+}
+
+impl<'a, T: Voxel, W: Weigh<T, f64>, K: CellKernel> CellField<'a, T, W, K> {
+    /// Scans the voxels once for the brick map.
+    pub fn new(voxels: &'a [T], weights: W, dims: [usize; 3]) -> Self {
+        let walk = Walk::new(voxels, &weights, dims, K::TAPS);
+        Self { voxels, weights, dims, walk, kernel: PhantomData }
+    }
+
+    fn trace<const SQUARED: bool>(&self, ray: &IndexRay, counters: &mut Counters) -> f64 {
+        counters.rays += 1;
+        let Some((from, to)) = ray.clip(self.walk.low, self.walk.high) else { return 0.0 };
+        let mut sum = 0.0;
+        self.walk.bricks(ray, from..to, counters, |brick, range, counters| {
+            sum += self.brick::<SQUARED>(ray, brick, range, counters);
+        });
+        sum
+    }
+
+    /// The integral within one brick.
+    #[inline(always)]
+    fn brick<const SQUARED: bool>(
+        &self,
+        ray: &IndexRay,
+        brick: [i32; 3],
+        range: Range<f64>,
+        counters: &mut Counters,
+    ) -> f64 {
+        let (mut sum, mut cells, mut reads) = (0.0, 0, 0);
+        Walk::cells(ray, brick, range, |cell, piece| {
+            let weights = self.gather(cell, &mut reads);
+            sum += K::integrate::<SQUARED>(&weights, piece);
+            cells += 1;
+        });
         counters.cells += cells;
         counters.voxel_reads += reads;
         counters.evaluations += cells * K::points(SQUARED);
@@ -217,6 +257,6 @@ impl<T: Voxel, W: Weigh<T, f64> + Send, K: CellKernel> RayField for CellField<'_
     }
 
     fn bounds(&self) -> ([f64; 3], [f64; 3]) {
-        (self.low, self.high)
+        (self.walk.low, self.walk.high)
     }
 }

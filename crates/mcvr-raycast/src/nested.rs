@@ -265,8 +265,10 @@ mod tests {
                 let e = (peak.sum[0] - 100.0 * (((1.0 - k) * 100.0).atan() + ((1.0 + k) * 100.0).atan())).abs();
                 assert!(e <= peak.error[0] + 1e-10 && peak.error[0] <= tolerance, "peak {k}: {e} {}", peak.error[0]);
             }
-            for [error, estimate] in squares {
-                assert!(error <= estimate, "{tolerance}: {} {}", error.sqrt(), estimate.sqrt());
+            // Jumps: both rules can be off to the same side, as in the cubature.
+            for ([error, estimate], factor) in squares.into_iter().zip([1.0, 2.0]) {
+                let (error, estimate) = (error.sqrt(), factor * estimate.sqrt());
+                assert!(error <= estimate, "{tolerance} {factor}: {error} {estimate}");
             }
         }
     }

@@ -12,7 +12,7 @@ use crate::{Counters, RaycastError, ReferenceOptions, Watch};
 /// An estimand's density on the image plane.
 pub(crate) trait Integrand<const C: usize>: Sync {
     /// Share of a pixel's tolerance that goes to the error along the rays; 0 where there is none.
-    const RAY_SHARE: f64;
+    fn ray_share(&self) -> f64;
 
     /// Values at an image point with estimates of their errors, which should not exceed `tolerance` (in the same
     /// unit, positive; infinite for a first impression).
@@ -70,9 +70,10 @@ impl Task<'_, '_> {
         let mean = self.mean(integrand, [x0, x1, y0, y1], &mut counters);
         let rule = if self.options.kernel == Kernel::Box { Rule::Jumps } else { Rule::Continuous };
         let tolerance = self.options.tolerance * mean;
-        let along = I::RAY_SHARE * tolerance;
+        let share = integrand.ray_share();
+        let along = share * tolerance;
         let limits = Limits {
-            tolerance: tolerance * (1.0 - I::RAY_SHARE),
+            tolerance: tolerance * (1.0 - share),
             base: self.base_depth().min(self.options.max_depth),
             depth: self.options.max_depth,
         };

@@ -98,7 +98,9 @@ pub fn reference(
 }
 
 impl Integrand<1> for Rays<'_> {
-    const RAY_SHARE: f64 = 0.0;
+    fn ray_share(&self) -> f64 {
+        0.0
+    }
 
     #[inline(always)]
     fn at(&self, px: f64, py: f64, _: f64, counters: &mut Counters) -> ([f64; 1], [f64; 1]) {

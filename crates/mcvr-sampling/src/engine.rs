@@ -362,8 +362,7 @@ impl Channels {
         }
         let plane = |c: usize| wrap(values.iter().skip(c % number).step_by(number).map(|v| v * tint[c]).collect());
         let colour = [plane(0)?, plane(1)?, plane(2)?];
-        let mean = (0..colour[0].values().len()).map(|i| colour.iter().map(|p| p.values()[i]).sum::<f64>() / 3.0);
-        Ok((wrap(mean.collect())?, Some(colour)))
+        Ok((Image::mean_of(&colour), Some(colour)))
     }
 }
 

@@ -5,7 +5,7 @@ use std::time::Instant;
 use mcvr_harness::PhaseSeconds;
 use mcvr_mc::{OrderStatistics, Quicksorted, Stratified, Unsorted};
 use mcvr_qmc::{Scramble, SobolNet};
-use mcvr_raycast::{MarchOptions, RaycastError, ReferenceOptions, march, reference};
+use mcvr_raycast::{MarchOptions, RaycastError, ReferenceOptions, march_with_look, reference_with_look};
 use mcvr_sampling::{
     Distribution, PointStream, RenderOptions, Rendered, SamplingError, VoxelOrder, check_samples, render_look,
 };
@@ -107,6 +107,19 @@ pub struct Made {
     pub error: Option<f64>,
 }
 
+impl Made {
+    /// The values that measurements compare: the image, or the three channels of a coloured one, one below the other.
+    ///
+    /// # Errors
+    /// [`SceneError::Image`] when three channels have more pixels than an image can have.
+    pub fn measurable(self) -> Result<Image, SceneError> {
+        match &self.colour {
+            Some(channels) => Image::stacked(channels),
+            None => Ok(self.image),
+        }
+    }
+}
+
 /// Why an image could not be made.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -139,7 +152,7 @@ pub fn make(scenery: &Scenery, request: &Request, watch: &Watch<'_>) -> Result<M
     let mut made = if request.method.samples_volume() {
         sampled(&density, scenery, request, watch, start)?
     } else {
-        cast(&density, &scenery.camera, request, watch, start)?
+        cast(&density, scenery, request, watch, start)?
     };
     made.seconds.complete = start.elapsed().as_secs_f64();
     Ok(made)
@@ -233,12 +246,14 @@ pub(crate) fn point_stream(request: &Request, total: u64) -> Box<dyn PointStream
 
 fn cast(
     density: &Density,
-    camera: &Camera,
+    scenery: &Scenery,
     request: &Request,
     watch: &Watch<'_>,
     start: Instant,
 ) -> Result<Made, MakeError> {
     let Request { kernel, estimand, seed, .. } = *request;
+    let camera = &scenery.camera;
+    let look = scenery.effects.look(density.volume().grid(), camera)?;
     let mass = *density.report();
     let distribution = start.elapsed().as_secs_f64();
     let phases = |projection| PhaseSeconds { distribution, sampling: 0.0, projection, complete: 0.0 };
@@ -246,33 +261,45 @@ fn cast(
         let rays_per_pixel = rays_per_pixel(request.samples, camera);
         let options =
             MarchOptions { step: request.step, rays_per_pixel, kernel, estimand, seed, ..MarchOptions::default() };
-        let made = march(density, camera, &options, watch)?;
+        let made = march_with_look(density, camera, &look, &options, watch)?;
         let counters = json!({ "rays_per_pixel": rays_per_pixel, "march": made.counters });
-        let samples = u64::from(rays_per_pixel) * camera.extent().pixels() as u64;
+        let (image, colour) = channels(made.channels);
         return Ok(Made {
-            image: made.image,
-            colour: None,
+            image,
+            colour,
             seconds: phases(made.seconds),
             mass,
             clipped: 0.0,
-            samples,
+            samples: u64::from(rays_per_pixel) * camera.extent().pixels() as u64,
             counters,
             error: None,
         });
     }
     let options = ReferenceOptions { kernel, estimand, tolerance: request.tolerance, ..ReferenceOptions::default() };
-    let made = reference(density, camera, &options, watch)?;
-    let counters = json!({ "reference": made.counters, "depth_limited": made.error.depth_limited });
+    let made = reference_with_look(density, camera, &look, &options, watch)?;
+    // All channels share their rays, and so the pixels that were subdivided to the limit.
+    let limited = made.errors.iter().map(|e| e.depth_limited).max();
+    let counters = json!({ "reference": made.counters, "depth_limited": limited });
+    let (image, colour) = channels(made.channels);
     Ok(Made {
-        image: made.image,
-        colour: None,
+        image,
+        colour,
         seconds: phases(made.seconds),
         mass,
         clipped: 0.0,
         samples: made.counters.rays,
         counters,
-        error: Some(made.error.rel_rmse_estimate),
+        error: Some(made.rel_rmse_estimate),
     })
+}
+
+/// One channel, or the mean of three and the three.
+fn channels(mut channels: Vec<Image>) -> (Image, Option<[Image; 3]>) {
+    match <[Image; 3]>::try_from(std::mem::take(&mut channels)) {
+        Ok(colour) => (Image::mean_of(&colour), Some(colour)),
+        // Ray casters give one channel or three.
+        Err(mut one) => (one.swap_remove(0), None),
+    }
 }
 
 /// Rays a pixel for a budget of rays: the largest square that it pays for, at least one. Squares are cast as

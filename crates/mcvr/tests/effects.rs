@@ -9,9 +9,7 @@ mod common;
 use common::agreement::{Agreement, Truth, agreement};
 use common::*;
 use mcvr::raycast::{ReferenceOptions, reference_with_look};
-use mcvr::scene::effects::{
-    Colour, DepthColour, DepthCue, Light, LightPosition, Material, Shading, Sides, Unlisted,
-};
+use mcvr::scene::effects::{Colour, DepthColour, DepthCue, Light, LightPosition, Material, Shading, Sides, Unlisted};
 use mcvr::scene::{Effects, Estimand, Extent, Image, Kernel, View, Watch};
 use mcvr::{Method, Request, Scenery};
 
@@ -19,6 +17,8 @@ use mcvr::{Method, Request, Scenery};
 const REPLICATES: u64 = 64;
 /// Samples of a replicate.
 const SAMPLES: u64 = 1 << 15;
+/// Error of the ray caster's pixels over their mean. All replicates together leave about 1 % a pixel.
+const TOLERANCE: f64 = 2e-3;
 
 fn stack(channels: &[Image]) -> Image {
     let extent = channels[0].extent();
@@ -28,8 +28,7 @@ fn stack(channels: &[Image]) -> Image {
 
 /// The channels of a scenery's image, one below the other.
 fn picture(scenery: &Scenery, request: &Request) -> Image {
-    let made = made(scenery, request);
-    made.colour.map_or(made.image, |channels| stack(&channels))
+    made(scenery, request).measurable().unwrap()
 }
 
 fn replicates(scenery: &Scenery, request: Request) -> Vec<Image> {
@@ -43,8 +42,7 @@ fn replicates(scenery: &Scenery, request: Request) -> Vec<Image> {
 fn cast(scenery: &Scenery, kernel: Kernel, estimand: Estimand, tolerance: f64) -> (Image, Image) {
     let look = scenery.effects.look(scenery.volume.grid(), &scenery.camera).unwrap();
     let options = ReferenceOptions { estimand, kernel, tolerance, max_depth: 8 };
-    let made =
-        reference_with_look(&density(scenery), &scenery.camera, &look, &options, &Watch::default()).unwrap();
+    let made = reference_with_look(&density(scenery), &scenery.camera, &look, &options, &Watch::default()).unwrap();
     let errors: Vec<Image> = made.errors.iter().map(|e| e.image.clone()).collect();
     (stack(&made.channels), stack(&errors))
 }
@@ -64,8 +62,8 @@ fn largest_factor(scenery: &Scenery) -> f64 {
 /// The truth of a scenery. A sum of samples with factors of at most 1 is worth at least as many whole samples as the factors
 /// sum to, so the share of samples that counts is the `count` image with the effects, over the largest factor.
 fn truth(scenery: &Scenery, kernel: Kernel, estimand: Estimand) -> Truth {
-    let (image, error) = cast(scenery, kernel, estimand, if kernel == Kernel::Box { 1e-3 } else { 1e-4 });
-    let (mut share, _) = cast(scenery, kernel, Estimand::Count, 1e-2);
+    let (image, error) = cast(scenery, kernel, estimand, TOLERANCE);
+    let (mut share, _) = cast(scenery, kernel, Estimand::Count, 5e-2);
     let largest = largest_factor(scenery);
     share.values_mut().iter_mut().for_each(|v| *v /= largest);
     Truth { image, error, share }
@@ -242,13 +240,17 @@ fn errors_of_shaded_images_fall_as_fast_as_those_of_plain_ones() {
                     })
                     .collect();
                 let error = (errors.iter().sum::<f64>() / 16.0).sqrt();
-                assert!(error > 10.0 * own, "{method}: the error {error:e} cannot be told from the reference's {own:e}");
+                assert!(
+                    error > 10.0 * own,
+                    "{method}: the error {error:e} cannot be told from the reference's {own:e}"
+                );
                 error.log2()
             })
             .collect();
         let n = logs.len() as f64;
         let middle = (n - 1.0) / 2.0;
-        let slope = logs.iter().enumerate().map(|(i, y)| (i as f64 - middle) * y).sum::<f64>() * 12.0 / (n * (n * n - 1.0));
+        let slope =
+            logs.iter().enumerate().map(|(i, y)| (i as f64 - middle) * y).sum::<f64>() * 12.0 / (n * (n * n - 1.0));
         println!("{method}: slope {slope:.3}, errors {logs:.2?}");
         assert!((low..=high).contains(&slope), "{method}: slope {slope}");
         assert!(logs.windows(2).all(|w| w[1] < w[0] - 0.2), "{method}: a plateau in {logs:.2?}");

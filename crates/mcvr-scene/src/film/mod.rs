@@ -75,6 +75,22 @@ impl Image {
         self.values.iter().copied().fold(0.0, f64::max)
     }
 
+    /// The mean of three channels of one size, pixel by pixel.
+    pub fn mean_of(channels: &[Image; 3]) -> Self {
+        let [r, g, b] = channels;
+        let sums = r.values.iter().zip(&g.values).zip(&b.values).map(|((r, g), b)| (r + g + b) / 3.0);
+        Self { extent: r.extent, values: sums.collect() }
+    }
+
+    /// Three channels of one size as one image, one below the other: what compares coloured images as numbers.
+    ///
+    /// # Errors
+    /// [`SceneError::Image`] when that has more than [`Extent::MAX_PIXELS`] pixels.
+    pub fn stacked(channels: &[Image; 3]) -> Result<Self, SceneError> {
+        let extent = Extent::new(channels[0].extent.width, 3 * channels[0].extent.height)?;
+        Self::from_values(extent, channels.iter().flat_map(|c| c.values.iter().copied()).collect())
+    }
+
     /// `self - other`, pixel by pixel.
     ///
     /// # Errors

@@ -220,7 +220,8 @@ fn truth(setup: &Setup, mass: f64, out: &Path, cancel: &AtomicBool, quiet: bool)
     };
     let rel_error_estimate = made.error.context("the reference states no error")?;
     let seconds = made.seconds.projection;
-    film::write(&made.image, &image, film::ImageFormat::Npy, &film::Tone::default())?;
+    let measurable = made.clone().measurable()?;
+    film::write(&measurable, &image, film::ImageFormat::Npy, &film::Tone::default())?;
     write_json(
         &record,
         &json!({
@@ -228,7 +229,7 @@ fn truth(setup: &Setup, mass: f64, out: &Path, cancel: &AtomicBool, quiet: bool)
             "depth_limited_pixels": made.counters["depth_limited"], "counters": made.counters["reference"],
         }),
     )?;
-    Ok(Truth { image: made.image, rel_error_estimate, seconds })
+    Ok(Truth { image: measurable, rel_error_estimate, seconds })
 }
 
 fn stored_truth(record: &Path, image: &Path, key: &Value) -> Option<Truth> {

@@ -1,10 +1,10 @@
 //! Passes of the sampling methods.
 
 use mcvr_sampling::{BLOCK, Distribution, block_count};
-use mcvr_scene::{Camera, Density, Estimand, Kernel, Look};
+use mcvr_scene::{Camera, Estimand, Kernel, Look};
 use mcvr_volume::Grid;
 
-use super::{Forecast, LeftOut, Pass, effects::effects};
+use super::{Forecast, LeftOut, Pass, effects::effects, grouped};
 use crate::{MakeError, Method, Request, Scenery};
 
 /// Voxels of a brick.
@@ -38,7 +38,7 @@ pub(super) fn sampled(
     passes.push(Pass {
         name: "distribution",
         why: format!("sampling.method = {method}"),
-        reads: format!("{} voxels of {}", survey.voxels_read, grid.len()),
+        reads: format!("{} voxels of {}", grouped(survey.voxels_read), grouped(grid.len() as u64)),
         holds: survey.bytes,
         work: vec![
             Forecast::exact("distribution.voxels_read", survey.voxels_read),
@@ -69,7 +69,7 @@ pub(super) fn sampled(
     passes.push(Pass {
         name: "draw",
         why: format!("sampling.samples = {samples}, method = {method}, seed = {}", request.seed),
-        reads: format!("the bricks that samples fall into, of {bricks}"),
+        reads: format!("the bricks that samples fall into, of {}", grouped(bricks)),
         holds: stream_bytes(method, samples),
         work: vec![
             Forecast::between("render.samples", fewest, drawn),
@@ -123,10 +123,12 @@ fn culled(request: &Request, survey: &mcvr_sampling::DistributionCounters) -> Le
         why: if request.cull {
             format!(
                 "{} of {} bricks lie beside the image, {} in front of the near plane",
-                survey.bricks_beside, survey.bricks, survey.bricks_near
+                grouped(survey.bricks_beside),
+                grouped(survey.bricks),
+                grouped(survey.bricks_near)
             )
         } else {
-            "none: the points are to be those of a cloud".to_owned()
+            "sampling.cull = false: none, so that the points are those of a cloud".to_owned()
         },
         work: vec![],
     }
@@ -154,8 +156,7 @@ pub(super) fn draws(
     watch: &mcvr_scene::Watch<'_>,
 ) -> Result<serde_json::Value, MakeError> {
     let Scenery { volume, map, camera, .. } = scenery;
-    let density = Density::new(volume, map.clone())?;
-    let bare = Scenery::new(volume.clone(), density.map().clone(), camera.clone());
+    let bare = Scenery::new(volume.clone(), map.clone(), camera.clone());
     let count = Request { estimand: Estimand::Count, ..*request };
     Ok(crate::make(&bare, &count, watch)?.counters)
 }

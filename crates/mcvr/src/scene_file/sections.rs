@@ -90,6 +90,9 @@ pub struct SamplingSection {
     /// Randomisation of the net.
     #[schemars(schema_with = "schema::scrambles")]
     pub scramble: Option<Scramble>,
+    /// Whether parts of the volume that the camera cannot see are left out (the default); false for the very points of a
+    /// cloud.
+    pub cull: Option<bool>,
     /// Step of a march in voxels.
     pub step: Option<f64>,
     /// Tolerance of exact ray casting.

@@ -10,15 +10,16 @@ use crate::{MakeError, Method, Request, Scenery};
 /// Voxels of a brick.
 const BRICK: u64 = 256;
 
-/// True when every sample of the grid falls into the image, whatever the voxels.
-fn whole_in_image(grid: &Grid, camera: &Camera, kernel: Kernel) -> bool {
-    // Half a pixel for the projection's rounding.
+/// What is certain of all samples of the grid, whatever the voxels: that they lie beyond the near plane, and that they fall
+/// into the image.
+fn certain_of_all(grid: &Grid, camera: &Camera, kernel: Kernel) -> (bool, bool) {
+    // Half a pixel, and a millionth of the depth, for the projection's rounding.
     let (w, h) = (camera.extent().width as f64 - 0.5, camera.extent().height as f64 - 0.5);
-    grid.corners(kernel.support()).into_iter().all(|corner| {
-        let (px, py, z) = camera.project(corner);
-        let ahead = camera.is_parallel() || z > camera.near() * (1.0 + 1e-6);
-        ahead && px >= 0.5 && px <= w && py >= 0.5 && py <= h
-    })
+    let corners = grid.corners(kernel.support()).map(|corner| camera.project(corner));
+    let furthest = corners.iter().map(|(_, _, z)| z.abs()).fold(0.0, f64::max);
+    let ahead = camera.is_parallel() || corners.iter().all(|(_, _, z)| *z > camera.near() + 1e-6 * furthest);
+    let within = corners.iter().all(|(px, py, _)| *px >= 0.5 && *px <= w && *py >= 0.5 && *py <= h);
+    (ahead, ahead && within)
 }
 
 /// Passes of an image made of samples.
@@ -78,14 +79,15 @@ pub(super) fn sampled(
         ],
     });
 
-    let inside = if certain && whole_in_image(grid, camera, kernel) { (drawn, drawn) } else { (0, drawn) };
+    let (ahead, within) = certain_of_all(grid, camera, kernel);
+    let inside = if certain && within { (drawn, drawn) } else { (0, drawn) };
     let rest = drawn - inside.0;
     let line = estimand == Estimand::Line;
     let weights = Forecast::between("render.line_weights", if line { fewest } else { 0 }, if line { drawn } else { 0 });
     let mut work = vec![
         Forecast::between("render.inside", inside.0, inside.1),
         Forecast::between("render.outside", 0, rest),
-        Forecast::between("render.clipped", 0, if camera.is_parallel() { 0 } else { rest }),
+        Forecast::between("render.clipped", 0, if ahead { 0 } else { rest }),
     ];
     if line {
         work.push(weights);

@@ -80,6 +80,8 @@ fn cast(scenery: &Scenery, request: &Request, look: &Look, passes: &mut Vec<Pass
             (true, "rays") => Forecast::between(&name, 0, each.saturating_mul(pixels)),
             // A march knows neither cells nor bricks.
             (true, "cells" | "empty_bricks") => Forecast::exact(&name, 0),
+            (_, "gradients") if look.shading.is_none() => Forecast::exact(&name, 0),
+            (_, "colours") if look.palette.is_none() && look.ramp.is_none() => Forecast::exact(&name, 0),
             _ => Forecast::from(&name, 0),
         });
     }

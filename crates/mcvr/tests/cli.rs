@@ -218,3 +218,61 @@ fn a_run_is_complete_after_it_was_resumed_and_repeats_nothing() {
         mcvr(folder.path(), &["converge", "phantom:ramp@12", "--size", "16x16", "--samples", "2^8", "-o", "out"]);
     assert!(!other.status.success(), "another volume must not join the run");
 }
+
+#[test]
+fn a_plan_names_passes_and_their_keys_and_takes_what_render_takes() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let scene = "[volume]\ninput = \"phantom:box@16\"\n[image]\nsize = [20, 10]\n[sampling]\nsamples = 5000\n\
+                 [effects]\nshading = { sides = \"two\" }\n[[camera]]\nname = \"a\"\n\
+                 [[camera]]\nname = \"b\"\nview = [90.0, 0.0]\nfov = 2.0\n";
+    std::fs::write(at.join("s.toml"), scene).unwrap();
+    let text = String::from_utf8(ok(at, &["plan", "s.toml", "--draw", "--run"]).stdout).unwrap();
+    for word in
+        ["camera a", "camera b", "effects.shading, two-sided", "no effects.materials", "render.gradients", "KiB"]
+    {
+        assert!(text.contains(word), "no '{word}' in:\n{text}");
+    }
+    assert!(text.contains("as forecast") && !text.contains("within") && !text.contains("WRONG"), "all drawn:\n{text}");
+    assert!(text.lines().all(|l| l.chars().count() <= 120), "{text}");
+    let one = json(&ok(at, &["plan", "--scene", "s.toml", "--camera", "b", "-n", "6000", "--json", "-"]).stdout);
+    let plans = one["plans"].as_array().unwrap();
+    assert_eq!((plans.len(), &plans[0]["camera"]["name"]), (1, &"b".into()));
+    assert_eq!((&plans[0]["request"]["samples"], &plans[0]["verdicts"]), (&6000.into(), &serde_json::Value::Null));
+    assert!(ok(at, &["plan", "s.toml", "--quiet"]).stdout.is_empty());
+
+    // The same scene in both places.
+    ok(at, &["render", "s.toml", "--camera", "a", "-o", "a.npy"]);
+    ok(at, &["render", "--scene", "s.toml", "--camera", "a", "-o", "b.npy"]);
+    assert_eq!(std::fs::read(at.join("a.npy")).unwrap(), std::fs::read(at.join("b.npy")).unwrap());
+    for (args, words) in [
+        (&["plan", "s.toml", "--scene", "t.toml"][..], "two scenes"),
+        (&["plan", "none.toml"], "none.toml"),
+        (&["plan", "phantom:box@8", "--camera", "a"], "no scene file"),
+        (&["plan", "phantom:box@8", "-n", "2^36", "--method", "mc-quicksort"], "use mc"),
+        (&["plan", "s.toml", "--camera", "a", "--photons", "100"], "shading"),
+    ] {
+        let out = mcvr(at, args);
+        let said = String::from_utf8_lossy(&out.stderr);
+        assert!(out.status.code() == Some(1) && said.contains(words), "{args:?}: {said}");
+    }
+}
+
+#[test]
+fn without_culling_a_zoomed_image_is_that_of_a_cloud_by_flag_and_by_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let draw = ["phantom:lobster@32", "-n", "2^14", "--order", "hilbert"];
+    let view = ["--view", "20,50", "--fov", "7", "--size", "30x20"];
+    ok(at, &[&["sample"], &draw[..], &["-o", "c.mcvr"]].concat());
+    ok(at, &[&["project", "c.mcvr", "-o", "cloud.npy"], &view[..]].concat());
+    ok(at, &[&["render"], &draw[..], &view, &["--no-cull", "-o", "flag.npy"]].concat());
+    std::fs::write(at.join("s.toml"), "[sampling]\ncull = false\n").unwrap();
+    ok(at, &[&["render"], &draw[..], &view, &["--scene", "s.toml", "-o", "scene.npy"]].concat());
+    let culled = ok(at, &[&["render"], &draw[..], &view, &["--json", "-", "-o", "culled.npy"]].concat());
+    assert!(json(&culled.stdout)["counters"]["distribution"]["bricks_beside"].as_u64().unwrap() > 0);
+    let bytes = |name: &str| std::fs::read(at.join(name)).unwrap();
+    assert_eq!(bytes("cloud.npy"), bytes("flag.npy"));
+    assert_eq!(bytes("cloud.npy"), bytes("scene.npy"));
+    assert_ne!(bytes("cloud.npy"), bytes("culled.npy"));
+}

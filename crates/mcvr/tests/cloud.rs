@@ -242,4 +242,27 @@ fn an_orbit_writes_its_frames_from_a_volume_and_from_a_cloud() {
     let control = png.windows(4).position(|w| w == b"acTL").unwrap() + 4;
     assert_eq!(u32::from_be_bytes(png[control..control + 4].try_into().unwrap()), 5);
     assert_eq!(png.windows(4).filter(|w| w == b"fcTL").count(), 5);
+
+    mcvr(at, &[&["orbit", "c.mcvr", "-o", "turn.gif", "--rate", "10"], &common[..]].concat());
+    let mut options = gif::DecodeOptions::new();
+    options.set_color_output(gif::ColorOutput::RGBA);
+    let mut reader = options.read_info(std::fs::File::open(at.join("turn.gif")).unwrap()).unwrap();
+    assert_eq!((reader.width(), reader.height()), (20, 16));
+    let mut shown = vec![];
+    while let Some(frame) = reader.read_next_frame().unwrap() {
+        assert_eq!((frame.width, frame.height, frame.delay), (20, 16, 10));
+        shown.push(frame.buffer.iter().step_by(4).copied().collect::<Vec<u8>>());
+    }
+    assert_eq!((shown.len(), reader.repeat()), (5, gif::Repeat::Infinite));
+    for (number, greys) in shown.iter().enumerate() {
+        let still = mcvr::scene::film::read(&at.join(format!("frames/{number:04}.png"))).unwrap();
+        let still: Vec<u8> = still.values().iter().map(|v| (255.0 * v).round() as u8).collect();
+        assert_eq!(*greys, still, "frame {number}: the grey levels of the PNG");
+    }
+    for bad in [&["--rate", "60"][..], &["--deep"], &["--size", "70000x2"]] {
+        let args = [&["orbit", "c.mcvr", "-o", "no.gif"], bad].concat();
+        let out = Command::new(env!("CARGO_BIN_EXE_mcvr")).current_dir(at).args(&args).output().unwrap();
+        assert_eq!(out.status.code(), Some(1), "{args:?}");
+        assert!(String::from_utf8_lossy(&out.stderr).contains(bad[0]) && !at.join("no.gif").exists());
+    }
 }

@@ -1,5 +1,6 @@
 //! Images: linear estimand values, how they are stored, and the tones under which people look at them.
 
+mod animation;
 mod colour;
 mod develop;
 mod file;
@@ -7,6 +8,7 @@ mod tone;
 
 use crate::{Extent, SceneError};
 
+pub use animation::{GIF_RATE_LIMIT, write_gif};
 pub use colour::{largest, write_colour, write_colour_within};
 pub use develop::{Film, FilmBias, expose, transmission, transmission_bias};
 pub use file::{ImageFormat, read, write, write_animation, write_rgb8, write_whole, write_within};

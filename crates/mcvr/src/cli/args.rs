@@ -10,6 +10,7 @@ use mcvr::scene::film::Curve;
 use mcvr::scene::{Emphasis, Estimand, Extent, Hounsfield, Kernel, NegativePolicy, Transfer};
 use mcvr::volume::{Endian, VoxelType};
 
+use super::effect_args::{EffectArgs, FilmArgs};
 use super::numbers;
 
 /// Attenuation of water per mm at 60 keV: 0.2059 cm²/g at 1 g/cm³ (NIST XCOM tables, total with coherent).
@@ -19,7 +20,8 @@ const MU_WATER_60_KEV: f64 = 0.02059;
 #[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Volume")]
 pub struct VolumeArgs {
-    /// Volume file (NRRD, MetaImage, NIfTI, raw, raw.gz) or phantom:NAME[@SIZE] (see `mcvr info --phantoms`)
+    /// Volume file (NRRD, MetaImage, NIfTI, raw, raw.gz), phantom:NAME[@SIZE] (see `mcvr info --phantoms`), or a scene
+    /// file (.toml) that names one
     #[arg(value_name = "INPUT")]
     pub input: Option<String>,
     /// Raw files: voxels along x, y and z
@@ -118,8 +120,12 @@ pub struct MethodArgs {
     #[arg(long, value_name = "FILE.toml")]
     pub scene: Option<PathBuf>,
     /// One of the scene's cameras, by name or number [default: all of them]
-    #[arg(long, value_name = "NAME|N", requires = "scene")]
+    #[arg(long, value_name = "NAME|N")]
     pub camera: Option<String>,
+    /// Draw from the whole volume, also where the camera does not look: slower and noisier, but bit for bit the image that
+    /// `mcvr project` makes of a cloud
+    #[arg(long)]
+    pub no_cull: bool,
 }
 
 /// One method and its budget.
@@ -131,6 +137,25 @@ pub struct BudgetArgs {
     /// Samples (for march: rays), such as 1e6 or 2^22 [default: 2^22]
     #[arg(long, short = 'n', value_name = "M", value_parser = numbers::count, help_heading = "Method")]
     pub samples: Option<u64>,
+}
+
+/// All that decides an image.
+#[derive(Args, Clone, Debug, Default)]
+pub struct ImageArgs {
+    #[command(flatten)]
+    pub volume: VolumeArgs,
+    #[command(flatten)]
+    pub budget: BudgetArgs,
+    #[command(flatten)]
+    pub method: MethodArgs,
+    #[command(flatten)]
+    pub view: ViewArgs,
+    #[command(flatten)]
+    pub density: DensityArgs,
+    #[command(flatten)]
+    pub effects: EffectArgs,
+    #[command(flatten)]
+    pub film: FilmArgs,
 }
 
 /// How PNG files are toned; other formats hold linear values.

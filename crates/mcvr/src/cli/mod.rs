@@ -7,6 +7,8 @@ mod effect_args;
 mod info;
 mod numbers;
 mod orbit;
+mod plan;
+mod plan_text;
 mod process;
 mod progress;
 mod project;
@@ -35,6 +37,7 @@ use clap::{Parser, Subcommand};
     mcvr render phantom:lobster -o lobster.png       an X-ray of a phantom\n  \
     mcvr render head.nrrd --samples 2^24 -o head.exr linear values, 16 million samples\n  \
     mcvr orbit phantom:lobster -o turntable.png      an animation from one point cloud\n  \
+    mcvr plan examples/shaded.toml                   the passes of a scene, and what they take\n  \
     mcvr info scan.nii.gz                            what is in a file\n  \
     mcvr converge lobster.mha -o results             error and time against the sample count\n\n\
     Exit status: 0 done, 1 failed, 2 wrong usage, 130 interrupted."
@@ -54,6 +57,8 @@ struct Cli {
 enum Command {
     /// Make one image
     Render(Box<render::Args>),
+    /// Say what an image will take, pass by pass, without making it
+    Plan(Box<plan::Args>),
     /// Draw a point cloud, to be projected from any view
     Sample(Box<sample::Args>),
     /// Make an image of a point cloud
@@ -94,6 +99,7 @@ pub fn run() -> ExitCode {
     let outcome = match cli.command {
         None => converge::demo(cli.quiet),
         Some(Command::Render(args)) => render::run(&args, cli.quiet),
+        Some(Command::Plan(args)) => plan::run(&args, cli.quiet),
         Some(Command::Sample(args)) => sample::run(&args, cli.quiet),
         Some(Command::Project(args)) => project::run(&args, cli.quiet),
         Some(Command::Orbit(args)) => orbit::run(&args, cli.quiet),

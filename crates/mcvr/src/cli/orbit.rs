@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use anyhow::{Context, bail};
 use mcvr::sampling::{Cloud, ProjectOptions, SamplingError, project_cloud};
-use mcvr::scene::film::{self, ImageFormat};
+use mcvr::scene::film::{self, GIF_RATE_LIMIT, ImageFormat};
 use mcvr::scene::{Camera, Estimand, Extent, View, Watch};
 use mcvr::{is_cloud, read_cloud};
 
@@ -13,26 +13,26 @@ use super::args::{ToneArgs, VolumeArgs};
 use super::sample::{DrawArgs, check_folders, draw, ends};
 use super::{Interrupted, progress, project};
 
-/// Most bytes of frames that are kept for an animated PNG.
+/// Most bytes of frames that are kept for an animation.
 const ANIMATION_LIMIT: u64 = 1 << 32;
 
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  \
     mcvr orbit phantom:lobster -o frames                 frames/0000.png to frames/0035.png\n  \
     mcvr orbit head.nrrd --frames 90 --rate 30 -o head.png   an animated PNG\n  \
-    mcvr orbit lobster.mcvr --elevation 0 --tone log -o lobster.png\n\n\
+    mcvr orbit lobster.mcvr --elevation 0 --tone log -o lobster.gif\n\n\
     Points are drawn once and projected for every frame. The first frame sets the tone's limits for all.\n\
     INPUT may be a point cloud (.mcvr); its points are as they are, and options that draw points play no part.")]
 pub struct Args {
     #[command(flatten)]
     volume: VolumeArgs,
-    /// Folder for numbered PNG files (made if missing), or an animated PNG where it ends in .png
-    #[arg(long, short, value_name = "FOLDER|FILE.png")]
+    /// Folder for numbered PNG files (made if missing), or an animation where it ends in .png or .gif
+    #[arg(long, short, value_name = "FOLDER|FILE.png|FILE.gif")]
     output: PathBuf,
     /// Frames in a full turn
     #[arg(long, default_value_t = 36, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000), help_heading = "View")]
     frames: u32,
-    /// Frames per second of an animated PNG
+    /// Frames per second of an animation; at most 50 in a GIF
     #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u16).range(1..=1000), help_heading = "View")]
     rate: u16,
     /// Degrees of the eye above the x-y plane
@@ -67,14 +67,21 @@ pub struct Args {
 
 pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     let start = Instant::now();
-    let animation = ends(&args.output, "png");
+    let gif = ends(&args.output, "gif");
+    let animation = gif || ends(&args.output, "png");
     if !animation && args.output.extension().is_some() && !args.output.is_dir() {
-        bail!("{}: name a folder, or a file that ends in .png for an animated PNG", args.output.display());
+        bail!("{}: name a folder, or a file that ends in .png or .gif for an animation", args.output.display());
     }
     if animation && args.tone.deep {
-        bail!("--deep: an animated PNG is written with 8 bits; name a folder for frames of 16");
+        bail!("--deep: an animation is written with 8 bits; name a folder for frames of 16");
+    }
+    if gif && args.rate > GIF_RATE_LIMIT {
+        bail!("--rate {}: a GIF has at most {GIF_RATE_LIMIT} frames a second; use .png for an animated PNG", args.rate);
     }
     let extent = args.size.map_or_else(|| Extent::new(400, 400), Ok)?;
+    if gif && extent.width.max(extent.height) > usize::from(u16::MAX) {
+        bail!("--size {extent}: a GIF has sides up to 65535; use .png for an animated PNG");
+    }
     if animation && extent.pixels() as u64 * u64::from(args.frames) > ANIMATION_LIMIT {
         bail!("{} frames of {extent} exceed 2^32 pixels, all kept until the end; name a folder", args.frames);
     }
@@ -147,7 +154,8 @@ fn turn(args: &Args, cloud: &Cloud, animation: bool, quiet: bool) -> anyhow::Res
     }
     bar.finish_and_clear();
     if let Some(extent) = extent {
-        film::write_animation(&frames, extent, &args.output, args.rate)?;
+        let write = if ends(&args.output, "gif") { film::write_gif } else { film::write_animation };
+        write(&frames, extent, &args.output, args.rate)?;
     }
     Ok(done)
 }

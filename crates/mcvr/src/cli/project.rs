@@ -20,8 +20,8 @@ use super::{Interrupted, progress};
     mcvr sample phantom:lobster -n 2^22 -o lobster.mcvr\n  \
     mcvr project lobster.mcvr --view 30,60 -o lobster.png\n  \
     mcvr project lobster.mcvr --view=-90,0 --estimand count -o side.npy --json side.json\n\n\
-    The image is that of `mcvr render` with the cloud's options, bit for bit, where the record's precision is f32.\n\
-    Where a view needs 64-bit arithmetic, the cloud's points keep their 32 bits.")]
+    The image is that of `mcvr render --no-cull` with the cloud's options, bit for bit, where the record's precision is\n\
+    f32. Where a view needs 64-bit arithmetic, the cloud's points keep their 32 bits.")]
 pub struct Args {
     /// Point cloud that `mcvr sample` wrote (.mcvr)
     #[arg(value_name = "CLOUD")]

@@ -10,9 +10,8 @@ use mcvr::scene::{Transfer, Watch};
 use mcvr::{Made, Method, make};
 use serde_json::{Value, json};
 
-use super::args::{BudgetArgs, DensityArgs, MethodArgs, ToneArgs, ViewArgs, VolumeArgs};
-use super::effect_args::{EffectArgs, FilmArgs};
-use super::setup::{Setup, Viewpoint, setup};
+use super::args::{ImageArgs, ToneArgs};
+use super::setup::{Setup, Viewpoint, image_setup};
 use super::{Interrupted, process, progress, radiograph};
 
 #[derive(clap::Args)]
@@ -23,29 +22,17 @@ use super::{Interrupted, process, progress, radiograph};
     mcvr render chest.mha --map hounsfield:60keV --photons 1e4 -o radiograph.png --deep\n  \
     mcvr render head.nrrd --shade --depth-cue --light around:60,30 -o shaded.png\n  \
     mcvr render head.nrrd --material 300..=#ffffff*2:bone --material=-200..300=#c04030:tissue -o materials.png\n  \
-    mcvr render --scene examples/two-cameras.toml -o out.png    one image a camera: out-front.png, out-side.png\n  \
+    mcvr render examples/two-cameras.toml -o out.png    one image a camera: out-front.png, out-side.png\n  \
     mcvr render phantom:vessels --method exact --size 256x256 -o truth.npy")]
 pub struct Args {
     #[command(flatten)]
-    volume: VolumeArgs,
+    image: ImageArgs,
     /// Image file, repeatable: .png (toned), .exr, .tiff, .npy (linear values)
     #[arg(long = "output", short, value_name = "FILE", required = true)]
     outputs: Vec<PathBuf>,
     /// Write what was done, with geometry, times and counters, as JSON; - for standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    #[command(flatten)]
-    budget: BudgetArgs,
-    #[command(flatten)]
-    method: MethodArgs,
-    #[command(flatten)]
-    view: ViewArgs,
-    #[command(flatten)]
-    density: DensityArgs,
-    #[command(flatten)]
-    effects: EffectArgs,
-    #[command(flatten)]
-    film: FilmArgs,
     #[command(flatten)]
     tone: ToneArgs,
 }
@@ -60,9 +47,8 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
             bail!("{}: no such folder for the output", folder.display());
         }
     }
-    let mut setup =
-        setup(&args.volume, &args.density, &args.view, &args.method, &args.budget, &args.tone, &args.effects)?;
-    let film = args.film.join(setup.film);
+    let mut setup = image_setup(&args.image, &args.tone)?;
+    let film = args.image.film.join(setup.film);
     setup.check_effects()?;
     radiograph::check(&film, &setup)?;
     for note in &setup.notes {
@@ -182,6 +168,7 @@ fn record(setup: &Setup, made: &Made, outputs: &[PathBuf], [write, total]: [f64;
         "seed": r.seed,
         "order": r.order,
         "scramble": r.scramble,
+        "cull": r.cull,
         "mass": made.mass.mass,
         "density": { "map": setup.scenery.map, "report": made.mass },
         "clipped_share": made.clipped,

@@ -45,8 +45,8 @@ pub struct DrawArgs {
     mcvr sample phantom:lobster -n 2^22 -o lobster.mcvr\n  \
     mcvr sample head.nrrd --method mc -n 1e6 -o head.ply     for MeshLab, CloudCompare, Blender, Open3D\n\n\
     A cloud takes 12 bytes a point. `mcvr project` reads .mcvr files; PLY is written only. `mcvr render` with the same\n\
-    options and the same --order makes the image that `mcvr project` makes of the cloud, bit for bit, wherever\n\
-    `mcvr render --json` reports precision f32.")]
+    options, the same --order and --no-cull makes the image that `mcvr project` makes of the cloud, bit for bit,\n\
+    wherever `mcvr render --json` reports precision f32.")]
 pub struct Args {
     #[command(flatten)]
     volume: VolumeArgs,
@@ -116,7 +116,7 @@ pub fn draw(volume: &VolumeArgs, args: &DrawArgs, quiet: bool) -> anyhow::Result
     if effects.shading.is_some() || effects.depth_cue.is_some() || effects.depth_colour.is_some() {
         eprintln!("mcvr: note: points keep the weights of the scene's materials and none of its other effects");
     }
-    setup.request.order = args.order.or(scene_file(&method)?.sampling.order).unwrap_or(VoxelOrder::Raster);
+    setup.request.order = args.order.or(scene_file(volume, &method)?.0.sampling.order).unwrap_or(VoxelOrder::Raster);
     let samples = setup.request.samples;
     let bytes = samples.saturating_mul(Cloud::BYTES_PER_POINT);
     if let Some(free) = process::free_memory().filter(|free| bytes > *free) {

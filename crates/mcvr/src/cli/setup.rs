@@ -10,8 +10,9 @@ use mcvr::volume::{FileFormat, Grid, RawOptions};
 use mcvr::{CameraSection, Request, SceneFile, Scenery};
 use serde_json::{Value, json};
 
-use super::args::{BudgetArgs, DensityArgs, MethodArgs, ToneArgs, ViewArgs, VolumeArgs};
+use super::args::{BudgetArgs, DensityArgs, ImageArgs, MethodArgs, ToneArgs, ViewArgs, VolumeArgs};
 use super::effect_args::EffectArgs;
+use super::sample::ends;
 
 /// Everything that a command needs to make images.
 pub struct Setup {
@@ -41,9 +42,24 @@ pub struct Viewpoint {
     pub words: String,
 }
 
-/// The scene file that was asked for, or an empty one.
-pub fn scene_file(args: &MethodArgs) -> anyhow::Result<SceneFile> {
-    Ok(args.scene.as_deref().map(SceneFile::read).transpose()?.unwrap_or_default())
+/// The scene file that was asked for, as --scene or in the volume's place, or an empty one; and the volume's arguments
+/// without it.
+pub fn scene_file(volume: &VolumeArgs, method: &MethodArgs) -> anyhow::Result<(SceneFile, VolumeArgs)> {
+    let mut volume = volume.clone();
+    let mut path = method.scene.clone();
+    if volume.input.as_deref().is_some_and(|i| ends(Path::new(i), "toml")) {
+        let positional = volume.input.take().unwrap_or_default();
+        if let Some(other) = &path {
+            bail!("{positional} and --scene {} are two scenes; give one of them", other.display());
+        }
+        path = Some(positional.into());
+    }
+    Ok((path.as_deref().map(SceneFile::read).transpose()?.unwrap_or_default(), volume))
+}
+
+/// The setup of all that decides an image.
+pub fn image_setup(args: &ImageArgs, tone: &ToneArgs) -> anyhow::Result<Setup> {
+    setup(&args.volume, &args.density, &args.view, &args.method, &args.budget, tone, &args.effects)
 }
 
 /// Loads the volume and joins arguments, scene and defaults, in this order of precedence.
@@ -56,10 +72,10 @@ pub fn setup(
     tone: &ToneArgs,
     effects: &EffectArgs,
 ) -> anyhow::Result<Setup> {
-    let scene = scene_file(method)?;
-    let (input, options) = volume_options(volume, &scene);
+    let (scene, volume) = scene_file(volume, method)?;
+    let (input, options) = volume_options(&volume, &scene);
     let Some(input) = input else {
-        bail!("no volume: give a file or phantom:NAME (see `mcvr info --phantoms`), or a --scene with volume.input")
+        bail!("no volume: give a file or phantom:NAME (see `mcvr info --phantoms`), or a scene file with volume.input")
     };
     let start = Instant::now();
     let loaded = mcvr::volume::load(&input, Some(&options)).map_err(|e| hinted(e, &input))?;
@@ -85,7 +101,7 @@ pub fn setup(
         order: method.order.or(sampling.order).unwrap_or_default(),
         scramble: method.scramble.or(sampling.scramble).unwrap_or_default(),
         step: method.step.or(sampling.step).unwrap_or(defaults.step),
-        cull: true,
+        cull: !method.no_cull && sampling.cull.unwrap_or(defaults.cull),
         tolerance: method.tolerance.or(sampling.tolerance).unwrap_or(defaults.tolerance),
     };
     let base = scene.tone.unwrap_or_default();
@@ -129,6 +145,7 @@ fn views(args: &ViewArgs, pick: Option<&str>, scene: &SceneFile, grid: &Grid) ->
         scene.cameras.iter().enumerate().map(|(i, c)| (c.label(i), c.clone())).collect();
     let labels = || all.iter().map(|(l, _)| l.clone()).collect::<Vec<_>>().join(", ");
     let chosen = match pick {
+        Some(pick) if all.is_empty() => bail!("--camera {pick}: no scene file with cameras is given"),
         Some(pick) => {
             let number = pick.parse::<usize>().ok().and_then(|n| n.checked_sub(1));
             let found = all.iter().find(|(label, _)| label == pick).or_else(|| all.get(number?));

@@ -2,7 +2,7 @@
 
 use mcvr_scene::Look;
 
-use super::{Forecast, LeftOut, Pass};
+use super::{Forecast, LeftOut, Pass, grouped};
 
 /// Adds a pass for each effect that the look has, and says of the others why they are absent. `inside` is the number of
 /// samples in the image, to which alone effects are applied.
@@ -60,7 +60,10 @@ pub(super) fn effects(
     left_out.push(LeftOut {
         name: "gradient field",
         why: if look.shading.is_some() {
-            format!("gradients are interpolated at samples from the voxels; a field would hold {} bytes", 12 * voxels)
+            format!(
+                "gradients are interpolated at samples from the voxels; a field would hold {} bytes",
+                grouped(12 * voxels)
+            )
         } else {
             "no effects.shading".to_owned()
         },

@@ -53,11 +53,24 @@ impl std::fmt::Display for Forecast {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let name = self.counter.rsplit('.').next().unwrap_or(&self.counter);
         match self.at_most {
-            Some(most) if most == self.at_least => write!(f, "{name} {most}"),
-            Some(most) => write!(f, "{name} {}..={most}", self.at_least),
-            None => write!(f, "{name} at least {}", self.at_least),
+            Some(most) if most == self.at_least => write!(f, "{name} {}", grouped(most)),
+            Some(most) => write!(f, "{name} {} to {}", grouped(self.at_least), grouped(most)),
+            None => write!(f, "{name} at least {}", grouped(self.at_least)),
         }
     }
+}
+
+/// A count with its thousands apart: 1,100,800.
+pub fn grouped(n: u64) -> String {
+    let digits = n.to_string();
+    let mut out = String::with_capacity(digits.len() * 4 / 3 + 1);
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            out.push(',');
+        }
+        out.push(digit);
+    }
+    out
 }
 
 /// One pass over some data.
@@ -177,7 +190,7 @@ fn film_pass(film: &Film, pixels: u64) -> Option<Pass> {
             Some(n) => format!("film.photons = {n}"),
             None => "film.transmission".to_owned(),
         },
-        reads: format!("{pixels} pixels"),
+        reads: format!("{} pixels", grouped(pixels)),
         holds: 8 * pixels,
         work: vec![],
     })

@@ -1,24 +1,25 @@
 //! Passes of the sampling methods.
 
 use mcvr_sampling::{BLOCK, Distribution, block_count};
-use mcvr_scene::{Camera, Density, Estimand, Kernel, Look};
+use mcvr_scene::{Camera, Estimand, Kernel, Look};
 use mcvr_volume::Grid;
 
-use super::{Forecast, LeftOut, Pass, effects::effects};
+use super::{Forecast, LeftOut, Pass, effects::effects, grouped};
 use crate::{MakeError, Method, Request, Scenery};
 
 /// Voxels of a brick.
 const BRICK: u64 = 256;
 
-/// True when every sample of the grid falls into the image, whatever the voxels.
-fn whole_in_image(grid: &Grid, camera: &Camera, kernel: Kernel) -> bool {
-    // Half a pixel for the projection's rounding.
+/// What is certain of all samples of the grid, whatever the voxels: that they lie beyond the near plane, and that they fall
+/// into the image.
+fn certain_of_all(grid: &Grid, camera: &Camera, kernel: Kernel) -> (bool, bool) {
+    // Half a pixel, and a millionth of the depth, for the projection's rounding.
     let (w, h) = (camera.extent().width as f64 - 0.5, camera.extent().height as f64 - 0.5);
-    grid.corners(kernel.support()).into_iter().all(|corner| {
-        let (px, py, z) = camera.project(corner);
-        let ahead = camera.is_parallel() || z > camera.near() * (1.0 + 1e-6);
-        ahead && px >= 0.5 && px <= w && py >= 0.5 && py <= h
-    })
+    let corners = grid.corners(kernel.support()).map(|corner| camera.project(corner));
+    let furthest = corners.iter().map(|(_, _, z)| z.abs()).fold(0.0, f64::max);
+    let ahead = camera.is_parallel() || corners.iter().all(|(_, _, z)| *z > camera.near() + 1e-6 * furthest);
+    let within = corners.iter().all(|(px, py, _)| *px >= 0.5 && *px <= w && *py >= 0.5 && *py <= h);
+    (ahead, ahead && within)
 }
 
 /// Passes of an image made of samples.
@@ -38,7 +39,7 @@ pub(super) fn sampled(
     passes.push(Pass {
         name: "distribution",
         why: format!("sampling.method = {method}"),
-        reads: format!("{} voxels of {}", survey.voxels_read, grid.len()),
+        reads: format!("{} voxels of {}", grouped(survey.voxels_read), grouped(grid.len() as u64)),
         holds: survey.bytes,
         work: vec![
             Forecast::exact("distribution.voxels_read", survey.voxels_read),
@@ -69,7 +70,7 @@ pub(super) fn sampled(
     passes.push(Pass {
         name: "draw",
         why: format!("sampling.samples = {samples}, method = {method}, seed = {}", request.seed),
-        reads: format!("the bricks that samples fall into, of {bricks}"),
+        reads: format!("the bricks that samples fall into, of {}", grouped(bricks)),
         holds: stream_bytes(method, samples),
         work: vec![
             Forecast::between("render.samples", fewest, drawn),
@@ -78,14 +79,15 @@ pub(super) fn sampled(
         ],
     });
 
-    let inside = if certain && whole_in_image(grid, camera, kernel) { (drawn, drawn) } else { (0, drawn) };
+    let (ahead, within) = certain_of_all(grid, camera, kernel);
+    let inside = if certain && within { (drawn, drawn) } else { (0, drawn) };
     let rest = drawn - inside.0;
     let line = estimand == Estimand::Line;
     let weights = Forecast::between("render.line_weights", if line { fewest } else { 0 }, if line { drawn } else { 0 });
     let mut work = vec![
         Forecast::between("render.inside", inside.0, inside.1),
         Forecast::between("render.outside", 0, rest),
-        Forecast::between("render.clipped", 0, if camera.is_parallel() { 0 } else { rest }),
+        Forecast::between("render.clipped", 0, if ahead { 0 } else { rest }),
     ];
     if line {
         work.push(weights);
@@ -123,10 +125,12 @@ fn culled(request: &Request, survey: &mcvr_sampling::DistributionCounters) -> Le
         why: if request.cull {
             format!(
                 "{} of {} bricks lie beside the image, {} in front of the near plane",
-                survey.bricks_beside, survey.bricks, survey.bricks_near
+                grouped(survey.bricks_beside),
+                grouped(survey.bricks),
+                grouped(survey.bricks_near)
             )
         } else {
-            "none: the points are to be those of a cloud".to_owned()
+            "sampling.cull = false: none, so that the points are those of a cloud".to_owned()
         },
         work: vec![],
     }
@@ -154,8 +158,7 @@ pub(super) fn draws(
     watch: &mcvr_scene::Watch<'_>,
 ) -> Result<serde_json::Value, MakeError> {
     let Scenery { volume, map, camera, .. } = scenery;
-    let density = Density::new(volume, map.clone())?;
-    let bare = Scenery::new(volume.clone(), density.map().clone(), camera.clone());
+    let bare = Scenery::new(volume.clone(), map.clone(), camera.clone());
     let count = Request { estimand: Estimand::Count, ..*request };
     Ok(crate::make(&bare, &count, watch)?.counters)
 }

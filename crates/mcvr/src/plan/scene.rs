@@ -5,7 +5,7 @@ use mcvr_scene::{Look, Watch};
 use serde_json::json;
 
 use super::sampled::{draws, sampled, table_bytes};
-use super::{Forecast, LeftOut, Pass, Plan, film_pass};
+use super::{Forecast, LeftOut, Pass, Plan, film_pass, grouped};
 use crate::{MakeError, Method, Request, Scenery};
 
 /// Plans the image that [`make`](crate::make()) will make, without reading a voxel.
@@ -21,7 +21,7 @@ pub fn plan(scenery: &Scenery, request: &Request, film: &Film) -> Result<Plan, M
     passes.push(Pass {
         name: "volume",
         why: format!("volume.input = {}", scenery.volume.name()),
-        reads: format!("{} voxels of type {}", grid.len(), scenery.volume.voxel_type()),
+        reads: format!("{} voxels of type {}", grouped(grid.len() as u64), scenery.volume.voxel_type()),
         // Mapped pages can be given back; they count as held all the same.
         holds: scenery.volume.bytes() as u64,
         work: vec![],
@@ -36,7 +36,7 @@ pub fn plan(scenery: &Scenery, request: &Request, film: &Film) -> Result<Plan, M
     if request.method.samples_volume() {
         sampled(scenery, request, &look, &mut passes, &mut left_out)?;
     } else {
-        cast(scenery, request, &look, &mut passes, &mut left_out);
+        cast(scenery, request, &look, &mut passes);
     }
     let pixels = scenery.camera.extent().pixels() as u64;
     match film_pass(film, pixels) {
@@ -61,30 +61,29 @@ fn weights_why(scenery: &Scenery) -> String {
     why
 }
 
-/// Passes of an image made of rays.
-fn cast(scenery: &Scenery, request: &Request, look: &Look, passes: &mut Vec<Pass>, left_out: &mut Vec<LeftOut>) {
+/// Passes of an image made of rays. Every counter of the ray casters is named; what a ray meets only the voxels and, for
+/// the exact method, the tolerance decide.
+fn cast(scenery: &Scenery, request: &Request, look: &Look, passes: &mut Vec<Pass>) {
     let pixels = scenery.camera.extent().pixels() as u64;
     let march = request.method == Method::March;
     let prefix = if march { "march" } else { "reference" };
-    let name = |counter: &str| format!("{prefix}.{counter}");
-    let mut work = vec![];
-    if march {
-        let each = crate::make::rays_per_pixel(request.samples, &scenery.camera);
-        work.push(Forecast::exact("rays_per_pixel", u64::from(each)));
-        work.push(Forecast::between(&name("rays"), 0, u64::from(each) * pixels));
-        work.push(Forecast::exact(&name("cells"), 0));
-        work.push(Forecast::exact(&name("empty_bricks"), 0));
+    let each = if march { u64::from(crate::make::rays_per_pixel(request.samples, &scenery.camera)) } else { 0 };
+    let mut work = vec![if march {
+        Forecast::exact("rays_per_pixel", each)
     } else {
-        work.push(Forecast::between("depth_limited", 0, pixels));
-        work.extend(["rays", "cells", "empty_bricks"].map(|c| Forecast::from(&name(c), 0)));
-    }
-    work.extend(["evaluations", "voxel_reads"].map(|c| Forecast::from(&name(c), 0)));
-    let gradients = name("gradients");
-    if look.shading.is_some() {
-        work.push(Forecast::from(&gradients, 0));
-    } else {
-        let why = "no effects.shading".to_owned();
-        left_out.push(LeftOut { name: "shade", why, work: vec![Forecast::exact(&gradients, 0)] });
+        Forecast::between("depth_limited", 0, pixels)
+    }];
+    let counters = json!(mcvr_raycast::Counters::default());
+    for counter in counters.as_object().into_iter().flatten().map(|(name, _)| name) {
+        let name = format!("{prefix}.{counter}");
+        work.push(match (march, &counter[..]) {
+            (true, "rays") => Forecast::between(&name, 0, each.saturating_mul(pixels)),
+            // A march knows neither cells nor bricks.
+            (true, "cells" | "empty_bricks") => Forecast::exact(&name, 0),
+            (_, "gradients") if look.shading.is_none() => Forecast::exact(&name, 0),
+            (_, "colours") if look.palette.is_none() && look.ramp.is_none() => Forecast::exact(&name, 0),
+            _ => Forecast::from(&name, 0),
+        });
     }
     passes.push(Pass {
         name: if march { "march" } else { "cast" },

@@ -1,7 +1,6 @@
 //! The JSON Schema of scene files, from the types that read them.
 
 use mcvr_qmc::Scramble;
-use mcvr_sampling::VoxelOrder;
 use mcvr_volume::{Endian, VoxelType};
 use schemars::generate::SchemaSettings;
 use schemars::transform::{RecursiveTransform, Transform};
@@ -9,6 +8,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Serialize;
 use serde_json::Value;
 
+use super::sections::order_names;
 use super::{CameraSection, SceneFile};
 use crate::Method;
 
@@ -67,7 +67,7 @@ pub(super) fn methods(_: &mut SchemaGenerator) -> Schema {
 }
 
 pub(super) fn orders(_: &mut SchemaGenerator) -> Schema {
-    names(VoxelOrder::ALL.map(|(_, o)| o))
+    names(order_names().map(|(name, _)| name))
 }
 
 pub(super) fn scrambles(_: &mut SchemaGenerator) -> Schema {

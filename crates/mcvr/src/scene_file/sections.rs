@@ -85,15 +85,36 @@ pub struct SamplingSection {
     /// Key of all randomness.
     pub seed: Option<u64>,
     /// Order of the voxels.
+    #[serde(deserialize_with = "order")]
     #[schemars(schema_with = "schema::orders")]
     pub order: Option<VoxelOrder>,
     /// Randomisation of the net.
     #[schemars(schema_with = "schema::scrambles")]
     pub scramble: Option<Scramble>,
+    /// Whether parts of the volume that the camera cannot see are left out (the default); false for the very points of a
+    /// cloud.
+    pub cull: Option<bool>,
     /// Step of a march in voxels.
     pub step: Option<f64>,
     /// Tolerance of exact ray casting.
     pub tolerance: Option<f64>,
+}
+
+/// The names of a voxel order: those of the command line, and those that records have.
+pub(super) fn order_names() -> impl Iterator<Item = (String, VoxelOrder)> {
+    let recorded = |o: VoxelOrder| serde_json::to_value(o).ok().and_then(|v| v.as_str().map(str::to_owned));
+    let short = VoxelOrder::ALL.into_iter().map(|(name, order)| (name.to_owned(), order));
+    let long = VoxelOrder::ALL.into_iter().filter_map(move |(name, order)| Some((recorded(order)?, name, order)));
+    short.chain(long.filter(|(long, name, _)| long != name).map(|(long, _, order)| (long, order)))
+}
+
+/// Reads an order by any of its names.
+fn order<'de, D: Deserializer<'de>>(source: D) -> Result<Option<VoxelOrder>, D::Error> {
+    let given = String::deserialize(source)?;
+    match order_names().find(|(name, _)| *name == given) {
+        Some((_, order)) => Ok(Some(order)),
+        None => Err(D::Error::unknown_variant(&given, &["raster", "hilbert", "y", "z", "depth"])),
+    }
 }
 
 /// Reads `[camera]` or `[[camera]]`. One visitor rather than an untagged enum, which would lose the lines of errors.

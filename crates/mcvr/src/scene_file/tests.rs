@@ -179,3 +179,16 @@ fn hounsfield_units_take_an_energy() {
     assert_eq!(transfer("{ hounsfield = { mu_water = 0.02 } }"), water);
     refused("[density]\ntransfer = { hounsfield = { kev = 5 } }\n", 2, &["kev", "10 to 500", "got 5"]);
 }
+
+#[test]
+fn orders_have_the_names_of_the_command_line_and_those_of_records() {
+    use mcvr_sampling::VoxelOrder;
+    let read = |name: &str| parse(&format!("[sampling]\norder = \"{name}\"\n")).unwrap().sampling.order.unwrap();
+    for (name, order) in VoxelOrder::ALL {
+        assert_eq!(read(name), order);
+        assert_eq!(read(serde_json::to_value(order).unwrap().as_str().unwrap()), order);
+    }
+    refused("[sampling]\nseed = 1\norder = \"x\"\n", 3, &["`x`", "raster", "hilbert", "depth"]);
+    refused("[sampling]\norder = 3\n", 2, &["order"]);
+    assert_eq!(parse("[sampling]\ncull = false\n").unwrap().sampling.cull, Some(false));
+}

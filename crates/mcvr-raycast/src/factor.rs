@@ -35,6 +35,7 @@ pub(crate) enum Facing {
 /// degree 3; the light as in [`CellIntegrand::light`].
 ///
 /// A polynomial lies between its Bernstein coefficients; those of `N·L` are the products of the factors'.
+#[inline(always)]
 pub(crate) fn facing(sides: Sides, gradient: &[[f64; 3]; 4], light: &[[f64; 2]; 3]) -> Facing {
     if gradient.iter().flatten().all(|g| *g == 0.0) {
         return Facing::Dark;
@@ -55,6 +56,7 @@ pub(crate) fn facing(sides: Sides, gradient: &[[f64; 3]; 4], light: &[[f64; 2]; 
 }
 
 /// Components from Bernstein form to powers.
+#[inline(always)]
 pub(crate) fn components(gradient: &[[f64; 3]; 4]) -> [[f64; 4]; 3] {
     [0, 1, 2].map(|a| powers([gradient[0][a], gradient[1][a], gradient[2][a], gradient[3][a]]))
 }
@@ -67,6 +69,7 @@ impl<const C: usize, const N: usize> CellIntegrand<C, N> {
     }
 
     /// `-∇ρ·L`: what changes sign at the edge of shadow.
+    #[inline(always)]
     fn towards(&self, x: f64) -> f64 {
         let dot = |(g, [constant, slope]): (&[f64; 4], &[f64; 2])| horner(g, x) * (constant + slope * x);
         -self.gradient.iter().zip(&self.light).map(dot).sum::<f64>()
@@ -74,7 +77,7 @@ impl<const C: usize, const N: usize> CellIntegrand<C, N> {
 }
 
 impl<const C: usize, const N: usize> Along<C> for CellIntegrand<C, N> {
-    #[inline]
+    #[inline(always)]
     fn at(&self, x: &[f64; LANES]) -> [[f64; LANES]; C] {
         let mut grey = [1.0; LANES];
         if self.shading.is_some() || self.cue.is_some() {

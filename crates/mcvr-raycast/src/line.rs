@@ -47,7 +47,7 @@ pub(crate) fn horner<const N: usize>(c: &[f64; N], x: f64) -> f64 {
 }
 
 /// The cubic B-spline field of 4×4×4 weights at local coordinates.
-#[inline]
+#[inline(always)]
 pub(crate) fn spline(w: &[f64; 64], [x, y, z]: [f64; 3]) -> f64 {
     let (wx, wy, wz) = (spline_weights(x), spline_weights(y), spline_weights(z));
     let mut plane = [0.0; 16];
@@ -95,7 +95,7 @@ impl<const N: usize> Fit<N> {
     }
 
     /// The polynomial of degree `N - 1` through the values at the points.
-    #[inline]
+    #[inline(always)]
     pub fn through(&self, values: [f64; N]) -> [f64; N] {
         self.matrix.map(|row| row.iter().zip(values).map(|(m, v)| m * v).sum())
     }

@@ -16,10 +16,11 @@ pub(crate) trait Locate: Sync {
 /// The locator of a distribution, for its voxel type and order.
 pub(crate) fn locator<'a>(distribution: &'a Distribution<'_>, level: SimdLevel) -> Box<dyn Locate + 'a> {
     let density = distribution.density();
+    let culled = distribution.counters().bricks_beside + distribution.counters().bricks_near > 0;
     with_layout!(&distribution.layout, layout =>
         with_voxels!(density.volume().voxels(), voxels =>
             with_units!(&distribution.weights, density, units =>
-                Box::new(Locator { layout, voxels: &voxels[..], units, before: &distribution.before, level })
+                Box::new(Locator { layout, voxels: &voxels[..], units, before: &distribution.before, culled, level })
                     as Box<dyn Locate + 'a>)))
 }
 
@@ -28,6 +29,7 @@ struct Locator<'a, L, T, U> {
     voxels: &'a [T],
     units: U,
     before: &'a [u64],
+    culled: bool,
     level: SimdLevel,
 }
 
@@ -106,6 +108,11 @@ impl<L: Layout, T: Voxel, U: Units<T>> Locator<'_, L, T, U> {
         for (i, target) in targets.iter().enumerate() {
             let (mut brick, mut sum) = (0, 0);
             loop {
+                // Bricks that were left out are passed over unread, and with them those of weight 0, which look the same;
+                // where nothing was left out, every voxel before the target is read, as the simplest program does.
+                while self.culled && self.before[brick + 1] == self.before[brick] {
+                    brick += 1;
+                }
                 self.decode(brick, &mut sums, counters);
                 sum += sums.sums[sums.sums.len() - 1].to_u64();
                 if *target < sum {

@@ -169,7 +169,7 @@ fn names(made: &Made, tree: &str) -> BTreeSet<String> {
 
 #[test]
 fn ray_casters_count_what_their_plans_name_and_nothing_else() {
-    let known = ["cells", "empty_bricks", "evaluations", "rays", "voxel_reads"].map(String::from);
+    let known = ["cells", "colours", "empty_bricks", "evaluations", "gradients", "rays", "voxel_reads"].map(String::from);
     for (method, tree) in [(Method::Exact, "reference"), (Method::March, "march")] {
         for (name, view) in [("whole", View::default()), ("close-up", View { fov: Some(3.0), ..View::default() })] {
             let scenery = speckled_scene(&view);
@@ -264,7 +264,6 @@ fn bricks_beside_the_image_are_neither_summed_nor_decoded() {
 
 /// The linear search must leave out the same bricks as the others: same points, same image.
 #[test]
-#[ignore = "Locator::linear of mcvr-sampling adds up bricks that are left out"]
 fn all_searches_find_the_same_voxels_where_bricks_are_left_out() {
     let volume = ball();
     for (name, camera) in views(&volume) {

@@ -169,7 +169,8 @@ fn names(made: &Made, tree: &str) -> BTreeSet<String> {
 
 #[test]
 fn ray_casters_count_what_their_plans_name_and_nothing_else() {
-    let known = ["cells", "colours", "empty_bricks", "evaluations", "gradients", "rays", "voxel_reads"].map(String::from);
+    let known =
+        ["cells", "colours", "empty_bricks", "evaluations", "gradients", "rays", "voxel_reads"].map(String::from);
     for (method, tree) in [(Method::Exact, "reference"), (Method::March, "march")] {
         for (name, view) in [("whole", View::default()), ("close-up", View { fov: Some(3.0), ..View::default() })] {
             let scenery = speckled_scene(&view);

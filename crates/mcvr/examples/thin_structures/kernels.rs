@@ -273,3 +273,45 @@ pub fn concentrated(weights: &[f32], dims: [usize; 3], share: f64) -> Vec<f32> {
     out.iter_mut().for_each(|w| *w = w.max(0.0));
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Weights, distance, exact, parallel};
+    use mcvr::scene::View;
+
+    fn few() -> Weights {
+        let grid = Grid::with_spacing([7, 6, 5], [1.0, 1.2, 0.9]).expect("a grid");
+        let values = (0..grid.len()).map(|n| if n % 3 == 0 { 0.0 } else { (n * 7919 % 97) as f32 });
+        Weights { values: values.collect(), grid }
+    }
+
+    #[test]
+    fn footprints_agree_with_ray_casting_and_keep_the_mass() {
+        let weights = few();
+        let camera = parallel(View::default(), &weights.grid, 4.0).expect("a camera");
+        let mass = weights.values.iter().map(|&w| f64::from(w)).sum::<f64>() * weights.grid.voxel_volume();
+        for candidate in candidates() {
+            let image = splat(&candidate, &weights.values, &weights.grid, &camera);
+            // Every voxel's shares sum to 1 up to the rounding of 32-bit sums over some thousand cells.
+            let seen = image.sum() / camera.det();
+            assert!((seen / mass - 1.0).abs() < 1e-4, "{}: {seen} of {mass}", candidate.name);
+            if let Some(kernel) = candidate.library.filter(|k| *k != Kernel::Shell) {
+                let (cast, _) = exact(&weights, kernel, &camera).expect("an image");
+                let off = distance(&image, &cast);
+                assert!(off < 0.01, "{}: {off}", candidate.name);
+                let shell = splat(&candidates()[1], &weights.values, &weights.grid, &camera);
+                assert!(distance(&shell, &cast) > 0.05, "the comparison tells kernels apart");
+            }
+        }
+    }
+
+    #[test]
+    fn concentrating_keeps_the_sum_and_the_sign() {
+        let weights = few();
+        let moved = concentrated(&weights.values, weights.grid.dims(), 1.0 / 12.0);
+        let sum = |w: &[f32]| w.iter().map(|&w| f64::from(w)).sum::<f64>();
+        assert!((sum(&moved) / sum(&weights.values) - 1.0).abs() < 1e-6);
+        assert!(moved != weights.values && moved.iter().all(|&w| w >= 0.0));
+    }
+}

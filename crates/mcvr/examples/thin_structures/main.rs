@@ -22,7 +22,7 @@ use mcvr::{Method, Request, Scenery, make};
 
 use kernels::{Candidate, candidates, concentrated, splat};
 use report::Row;
-use ridges::{Measure, Section, measure};
+use ridges::{Look, Measure, Section, measure};
 
 /// Any failure.
 pub type Outcome<T> = Result<T, Box<dyn std::error::Error>>;
@@ -140,33 +140,42 @@ pub fn parallel(view: View, grid: &Grid, scale: f64) -> Outcome<Camera> {
 }
 
 /// A scan with thin structures.
-struct Scan {
-    name: &'static str,
+pub struct Scan {
+    pub name: &'static str,
     file: &'static str,
     raw: Option<([usize; 3], VoxelType, [f64; 3])>,
-    view: [f64; 2],
+    pub view: [f64; 2],
+    pub look: Look,
 }
 
-const SCANS: [Scan; 4] = [
+/// Structures with room around them, down to faint ones.
+const LONE: Look = Look { reach: 10.0, faintest: 0.02 };
+/// The stent's wires lie close to each other and outshine the tissue around them.
+const MESH: Look = Look { reach: 5.0, faintest: 0.1 };
+
+pub const SCANS: [Scan; 4] = [
     Scan {
         name: "lobster",
         file: "lobster_301x324x56_uint8.raw.gz",
         raw: Some(([301, 324, 56], VoxelType::U8, [1.0, 1.0, 1.4])),
         view: [30.0, 60.0],
+        look: LONE,
     },
     Scan {
         name: "stent",
         file: "stent_128x128x256_int16le.raw.gz",
         raw: Some(([128, 128, 256], VoxelType::I16, [1.0; 3])),
         view: [30.0, 20.0],
+        look: MESH,
     },
     Scan {
         name: "aneurism",
         file: "aneurism_256x256x256_uint8.raw.gz",
         raw: Some(([256, 256, 256], VoxelType::U8, [1.0; 3])),
         view: [30.0, 20.0],
+        look: LONE,
     },
-    Scan { name: "vessels", file: "phantom:vessels@256", raw: None, view: [30.0, 20.0] },
+    Scan { name: "vessels", file: "phantom:vessels@256", raw: None, view: [30.0, 20.0], look: LONE },
 ];
 
 impl Scan {
@@ -189,13 +198,42 @@ impl Scan {
     }
 }
 
-/// Measures of every section in an image, beside those in the reference.
-pub fn compared(reference: &[Measure], image: &Image, sections: &[Section], voxel: f64) -> Vec<Option<[f64; 4]>> {
-    let one = |(r, s): (&Measure, &Section)| {
-        let m = measure(image, s, voxel)?;
-        Some([m.contrast / r.contrast, m.width / r.width, m.width, m.shift - r.shift])
-    };
-    reference.iter().zip(sections).map(one).collect()
+/// Sections with what they measure in a reference, which is theirs alone to choose.
+pub struct Yardstick {
+    pub sections: Vec<Section>,
+    measured: Vec<Measure>,
+    voxel: f64,
+}
+
+impl Yardstick {
+    /// Those of the sections that can be measured in the reference; `voxel` is the fine voxel in pixels.
+    pub fn new(reference: &Image, sections: &[Section], voxel: f64) -> Self {
+        let one = |s: &Section| Some((*s, measure(reference, s, voxel)?));
+        let (sections, measured) = sections.iter().filter_map(one).unzip();
+        Self { sections, measured, voxel }
+    }
+
+    /// Contrast and width over the reference's, width and displacement in pixels, by section.
+    pub fn compared(&self, image: &Image) -> Vec<Option<[f64; 4]>> {
+        let one = |(r, s): (&Measure, &Section)| {
+            let m = measure(image, s, self.voxel)?;
+            Some([m.contrast / r.contrast, m.width / r.width, m.width, m.shift - r.shift])
+        };
+        self.measured.iter().zip(&self.sections).map(one).collect()
+    }
+}
+
+/// Means over squares of `n` pixels around every pixel: the image as larger pixels would see it, wherever they lie.
+fn pooled(image: &Image, n: usize) -> Image {
+    let Extent { width, height } = image.extent();
+    let mut out = Image::zeros(image.extent());
+    for y in 0..height.saturating_sub(n - 1) {
+        for x in 0..width.saturating_sub(n - 1) {
+            let row = |j: usize| (0..n).map(|i| image.get(x + i, y + j)).sum::<f64>();
+            out.values_mut()[x + n / 2 + width * (y + n / 2)] = (0..n).map(row).sum::<f64>() / (n * n) as f64;
+        }
+    }
+    out
 }
 
 fn study(scan: &Scan, volume: &Volume, out: &Path, rows: &mut Vec<Row>) -> Outcome<()> {
@@ -206,47 +244,52 @@ fn study(scan: &Scan, volume: &Volume, out: &Path, rows: &mut Vec<Row>) -> Outco
     let camera = parallel(view, &coarse.grid, PIXELS_PER_VOXEL / finest)?;
     let start = Instant::now();
     let (truth, error) = exact(&fine, Kernel::Box, &camera)?;
-    let sections = ridges::find(&truth, PIXELS_PER_VOXEL);
-    let measured: Vec<Option<Measure>> = sections.iter().map(|s| measure(&truth, s, PIXELS_PER_VOXEL)).collect();
-    let measured: Vec<Measure> = measured.into_iter().flatten().collect();
+    let yardstick = Yardstick::new(&truth, &ridges::find(&truth, PIXELS_PER_VOXEL, scan.look), PIXELS_PER_VOXEL);
     println!(
         "{}: {} pixels, {} sections, reference good to {error:.1e} of its mean, {:.1} s",
         scan.name,
         camera.extent(),
-        sections.len(),
+        yardstick.sections.len(),
         start.elapsed().as_secs_f64()
     );
     let mm = finest / PIXELS_PER_VOXEL;
+    // A pixel as wide as a voxel of the copy.
+    let pixel = 2 * PIXELS_PER_VOXEL as usize;
+    let large = pooled(&truth, pixel);
+    let large_yardstick = Yardstick::new(&large, &yardstick.sections, PIXELS_PER_VOXEL);
     let mut tiles = vec![truth.clone()];
-    for (grid, weights) in [("half", &coarse), ("full", &fine)] {
-        let voxel = PIXELS_PER_VOXEL * if grid == "half" { 2.0 } else { 1.0 };
-        for candidate in candidates() {
-            let start = Instant::now();
-            // Casting the full scan under every kernel would take an hour; the footprint's accuracy is known by then.
-            let shown = match grid {
-                "half" => shown(weights, &candidate, &camera)?,
-                _ => Shown { image: splatted(weights, &candidate, &camera), cast: None, check: None },
-            };
-            let compared = compared(&measured, &shown.image, &sections, PIXELS_PER_VOXEL);
-            let row = Row::new(grid, scan.name, &candidate, &shown, &compared, [mm, voxel])?
-                .rmse(rmse(&shown.image, &truth)?);
-            println!("  {grid} {row} in {:.1} s", start.elapsed().as_secs_f64());
-            rows.push(row);
-            if grid == "half" && pictures::TILES.contains(&candidate.name) {
-                tiles.push(shown.image);
-            }
+    let (mut half, mut half_large, mut full) = (vec![], vec![], vec![]);
+    for candidate in candidates() {
+        let start = Instant::now();
+        let shown = shown(&coarse, &candidate, &camera)?;
+        let row = |study, shown: &Shown, truth: &Image, yardstick: &Yardstick, voxel| -> Outcome<Row> {
+            let row = Row::new(study, scan.name, &candidate, shown, &yardstick.compared(&shown.image), [mm, voxel]);
+            Ok(row.rmse(rmse(&shown.image, truth)?))
+        };
+        half.push(row("half", &shown, &truth, &yardstick, 2.0 * PIXELS_PER_VOXEL)?);
+        let pool = Shown { image: pooled(&shown.image, pixel), ..shown };
+        half_large.push(row("half, large pixels", &pool, &large, &large_yardstick, 2.0 * PIXELS_PER_VOXEL)?);
+        if pictures::TILES.contains(&candidate.name) {
+            tiles.push(shown.image);
         }
+        // Casting the full scan under every kernel would take an hour; the footprint's accuracy is known by now.
+        let shown = Shown { image: splatted(&fine, &candidate, &camera), cast: None, check: None };
+        full.push(row("full", &shown, &truth, &yardstick, PIXELS_PER_VOXEL)?);
+        println!("  {} in {:.1} s", half[half.len() - 1], start.elapsed().as_secs_f64());
     }
-    pictures::tiles(&tiles, &sections, &out.join(format!("{}.png", scan.name)))?;
-    pictures::marked(&truth, &sections, &out.join(format!("{}-sections.png", scan.name)))
+    rows.extend(half.into_iter().chain(half_large).chain(full));
+    pictures::tiles(&tiles, &yardstick.sections, &out.join(format!("{}.png", scan.name)))?;
+    pictures::marked(&truth, &yardstick.sections, &out.join(format!("{}-sections.png", scan.name)))
 }
 
-/// How far the footprint image of the shell lies from one sampled at 2^27 points, and how far two such lie apart.
+/// How far the footprint image of the shell lies from one sampled at 2^28 points, and how far two such lie apart.
 fn shell_check() -> Outcome<[f64; 2]> {
-    let weights = Weights::of(&volume::load("phantom:vessels@96", None)?.volume)?;
-    let camera = parallel(View::default(), &weights.grid, 0.5)?;
+    let weights = Weights::of(&volume::load("phantom:vessels@64", None)?.volume)?;
+    // As many pixels per voxel as in the study of the copies.
+    let scale = 2.0 * PIXELS_PER_VOXEL / weights.grid.spacing().x;
+    let camera = parallel(View::default(), &weights.grid, scale)?;
     let scenery = Scenery::new(weights.volume()?, DensityMap::default(), camera);
-    let request = Request { method: Method::Qmc, kernel: Kernel::Shell, samples: 1 << 27, ..Request::default() };
+    let request = Request { method: Method::Qmc, kernel: Kernel::Shell, samples: 1 << 28, ..Request::default() };
     let sampled = |seed| make(&scenery, &Request { seed, ..request }, &Watch::default());
     let [a, b] = [sampled(1)?.image, sampled(2)?.image];
     let shell = candidates().into_iter().find(|c| c.library == Some(Kernel::Shell)).ok_or("no shell")?;

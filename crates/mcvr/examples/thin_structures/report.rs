@@ -7,7 +7,7 @@ use glam::DVec3;
 use serde::Serialize;
 
 use crate::kernels::{Candidate, candidates};
-use crate::{Outcome, Shown, ridges};
+use crate::{Outcome, SCANS, Shown, ridges};
 
 /// One kernel on one scene.
 #[derive(Serialize)]
@@ -27,7 +27,7 @@ pub struct Row {
     pub widening: [f64; 3],
     /// Median full width at half maximum.
     pub width_mm: f64,
-    /// Root mean square of the peak's displacement, in voxels of the rendered grid.
+    /// Root mean square of the displacement, in voxels of the rendered grid.
     pub shift_voxels: f64,
     /// Tubes: median over the tubes of the contrast's standard deviation along each, over its mean.
     pub beading: Option<f64>,
@@ -63,11 +63,11 @@ impl Row {
         shown: &Shown,
         measures: &[Option<[f64; 4]>],
         [mm, voxel]: [f64; 2],
-    ) -> Outcome<Self> {
+    ) -> Self {
         let column = |c: usize| -> Vec<f64> { measures.iter().flatten().map(|m| m[c]).collect() };
         let shifts = column(3);
         let square = shifts.iter().map(|s| (s / voxel).powi(2)).sum::<f64>() / shifts.len().max(1) as f64;
-        Ok(Self {
+        Self {
             study: study.into(),
             scene: scene.into(),
             kernel: candidate.name,
@@ -82,7 +82,7 @@ impl Row {
             rmse: f64::NAN,
             cast_error: shown.cast,
             footprint_error: shown.check,
-        })
+        }
     }
 
     pub fn rmse(self, rmse: f64) -> Self {
@@ -119,7 +119,7 @@ impl std::fmt::Display for Row {
 fn table(page: &mut String, rows: &[&Row]) -> Outcome<()> {
     let tubes = rows.iter().any(|r| r.beading.is_some());
     let extra = if tubes { " beading |" } else { "" };
-    writeln!(page, "| kernel | contrast | width | median width | peak moves by |{extra} RMSE | lost | image |")?;
+    writeln!(page, "| kernel | contrast | width | median width | moves by |{extra} RMSE | lost | image |")?;
     writeln!(page, "|---|---|---|---|---|{}---|---|---|", if tubes { "---|" } else { "" })?;
     for r in rows {
         let q = |v: [f64; 3]| format!("{:.3} ({:.3}–{:.3})", v[1], v[0], v[2]);
@@ -213,8 +213,8 @@ fn page(rows: &[Row], missing: &[&str], shell: [f64; 2]) -> Outcome<String> {
         "How good the images are: `ray cast` ones are exact along rays; over the pixels' area they are good to {:.1e} \
          of the mean by the ray caster's own estimate (the worst). `footprint` ones (the shell, the kernels outside the \
          library, and the whole study **full**) carry no noise; where both kinds exist they differ by at most {:.2} % \
-         (root mean square of the difference over the image's). The shell's footprint and its sampler (2^27 points, \
-         `phantom:vessels@96`) differ by {:.2} %, two such samples by {:.2} %.\n",
+         (root mean square of the difference over the image's). The shell's footprint and its sampler (2^28 points, \
+         `phantom:vessels@64`) differ by {:.2} %, two such samples by {:.2} %.\n",
         worst(|r| r.cast_error),
         100.0 * worst(|r| r.footprint_error),
         100.0 * shell[0],
@@ -234,11 +234,21 @@ fn page(rows: &[Row], missing: &[&str], shell: [f64; 2]) -> Outcome<String> {
         let group: Vec<&Row> = rows.iter().filter(|r| (r.study.as_str(), r.scene.as_str()) == last).collect();
         let title = match last.0 {
             "half" => "copy at half the resolution against the fine scan",
+            "half, large pixels" => "the same, seen by pixels as wide as a voxel of the copy",
             "full" => "the scan itself against its own `box` image",
             _ => "against the closed form",
         };
         writeln!(page, "## {}: {title}\n", last.1)?;
-        if last.0 == "half" {
+        if let Some(scan) = SCANS.iter().find(|s| last.0 == "half" && s.name == last.1) {
+            writeln!(
+                page,
+                "View {},{} degrees; profiles reach {} fine voxels to each side, contrasts are at least {} % of the image's \
+                 maximum.\n",
+                scan.view[0],
+                scan.view[1],
+                scan.look.reach,
+                100.0 * scan.look.faintest
+            )?;
             let tiles = crate::pictures::TILES.join(", ");
             writeln!(
                 page,
@@ -252,9 +262,10 @@ fn page(rows: &[Row], missing: &[&str], shell: [f64; 2]) -> Outcome<String> {
 }
 
 const INTRODUCTION: &str = "Contrast (peak above the local background, over the reference's), full width at half maximum (over
-the reference's, and in mm), displacement of the peak and RMSE of thin structures in X-ray images (`line`, parallel rays,
-2 pixels per fine voxel; tubes: 4 per voxel). Medians, quartiles in brackets. Three studies: **half** - every kernel on a copy of the
-scan averaged over 2x2x2 voxels, against the fine scan itself (`box`: its voxels as they are); **full** - every kernel on
+the reference's, and in mm), displacement of the structure (RMS) and RMSE of thin structures in X-ray images (`line`, parallel rays,
+2 pixels per fine voxel; tubes: 4 per voxel). Medians, quartiles in brackets. The studies: **half** - every kernel on a copy of the
+scan averaged over 2x2x2 voxels, against the fine scan itself (`box`: its voxels as they are), and the same images averaged
+over pixels as wide as a voxel, as images are commonly made; **full** - every kernel on
 the fine scan, against the same `box` image; here `box` is the reference by construction, and the others show what
 they add; **closed form** - straight tubes of density 1 in voxels of side 1 mm that hold their share of the tube, against
 the chords; beading is the unevenness of the contrast along a tube.";

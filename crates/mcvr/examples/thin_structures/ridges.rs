@@ -4,14 +4,10 @@ use mcvr::scene::{Extent, Image};
 
 /// Samples per pixel along a profile.
 const FINE: f64 = 4.0;
-/// How far a profile reaches to each side, in fine voxels.
-const REACH: f64 = 10.0;
 /// Scale of the derivatives by which ridges are found, in fine voxels.
 const SCALE: f64 = 1.5;
 /// Widest structure that counts as thin, full width at half maximum in fine voxels.
 const THIN: f64 = 6.0;
-/// Faintest structure that counts: contrast as a share of the image's largest value.
-const FAINT: f64 = 0.02;
 /// Largest slope of the background: difference of both sides as a share of the contrast.
 const UNEVEN: f64 = 0.5;
 /// Least distance between sections, in fine voxels.
@@ -19,12 +15,22 @@ const APART: f64 = 4.0;
 /// Most sections of an image.
 const MOST: usize = 400;
 
-/// A line across a structure, in pixels: middle, unit normal, and where on it the background is read.
+/// What a scan's structures are like.
+#[derive(Clone, Copy, Debug)]
+pub struct Look {
+    /// How far a profile reaches to each side, in fine voxels: structures must be alone that far.
+    pub reach: f64,
+    /// Faintest structure that counts: contrast as a share of the image's largest value.
+    pub faintest: f64,
+}
+
+/// A line across a structure, in pixels: middle, unit normal, where on it the background is read, how far it reaches.
 #[derive(Clone, Copy, Debug)]
 pub struct Section {
     pub at: [f64; 2],
     pub normal: [f64; 2],
     pub sides: [f64; 2],
+    pub reach: f64,
 }
 
 /// What a section shows.
@@ -34,7 +40,7 @@ pub struct Measure {
     pub contrast: f64,
     /// Full width at half of that, in pixels.
     pub width: f64,
-    /// Where the peak lies along the normal, in pixels from the middle.
+    /// Where the middle between the two halves lies along the normal, in pixels from the section's middle.
     pub shift: f64,
 }
 
@@ -64,7 +70,7 @@ fn profile(image: &Image, section: &Section, n: i64) -> Vec<f64> {
 /// Measures a section; `None` when there is no peak or it never falls to its half within the profile.
 /// `voxel` is the fine voxel in pixels.
 pub fn measure(image: &Image, section: &Section, voxel: f64) -> Option<Measure> {
-    let n = (REACH * voxel * FINE) as i64;
+    let n = (section.reach * FINE) as i64;
     let p = profile(image, section, n);
     let index = |s: f64| s * FINE + n as f64;
     // The background: means over half a voxel around both sides, and the line between them.
@@ -85,10 +91,7 @@ pub fn measure(image: &Image, section: &Section, voxel: f64) -> Option<Measure> 
     if peak == 0 || peak + 1 >= p.len() || above(peak) <= 0.0 {
         return None;
     }
-    // The peak's position by a parabola; its height is the sample's.
-    let (l, c, r) = (above(peak - 1), above(peak), above(peak + 1));
-    let bend = l - 2.0 * c + r;
-    let shift = if bend < 0.0 { 0.5 * (l - r) / bend } else { 0.0 };
+    let c = above(peak);
     let half = 0.5 * c;
     let crossing = |step: i64| {
         let mut k = peak as i64;
@@ -104,8 +107,10 @@ pub fn measure(image: &Image, section: &Section, voxel: f64) -> Option<Measure> 
             k = next;
         }
     };
-    let width = (crossing(-1)? + crossing(1)?) / FINE;
-    Some(Measure { contrast: c, width, shift: (peak as f64 - n as f64 + shift) / FINE })
+    // The middle between the halves: the peak itself is flat, and bilinear reading draws it to pixel centres.
+    let (before, after) = (crossing(-1)?, crossing(1)?);
+    let middle = peak as f64 - n as f64 + 0.5 * (after - before);
+    Some(Measure { contrast: c, width: (before + after) / FINE, shift: middle / FINE })
 }
 
 /// The image convolved with a Gaussian of standard deviation `sigma` pixels.
@@ -151,12 +156,12 @@ fn ridge(smooth: &Image, x: usize, y: usize) -> Option<(f64, Section)> {
     let n = [n[0] / length, n[1] / length];
     let t = -(gx * n[0] + gy * n[1]) / sharp;
     let at = [x as f64 + 0.5 + t * n[0], y as f64 + 0.5 + t * n[1]];
-    (length > 0.0 && t.abs() <= 0.71).then_some((-sharp, Section { at, normal: n, sides: [0.0; 2] }))
+    (length > 0.0 && t.abs() <= 0.71).then_some((-sharp, Section { at, normal: n, sides: [0.0; 2], reach: 0.0 }))
 }
 
 /// The section with its sides at the lowest points of both flanks, if the structure is thin, clear and alone.
 fn isolated(image: &Image, section: Section, voxel: f64, faintest: f64) -> Option<Section> {
-    let n = (REACH * voxel * FINE) as i64;
+    let n = (section.reach * FINE) as i64;
     let p = profile(image, &section, n);
     let lowest = |range: std::ops::Range<usize>| range.min_by(|&a, &b| p[a].total_cmp(&p[b]));
     let (a, b) = (lowest(0..n as usize)?, lowest(n as usize + 1..p.len())?);
@@ -175,11 +180,11 @@ fn isolated(image: &Image, section: Section, voxel: f64, faintest: f64) -> Optio
 }
 
 /// Sections over isolated thin structures of an image: ridge points by strength, not too near each other.
-pub fn find(image: &Image, voxel: f64) -> Vec<Section> {
+pub fn find(image: &Image, voxel: f64, look: Look) -> Vec<Section> {
     let smooth = blurred(image, SCALE * voxel);
     let Extent { width, height } = image.extent();
-    let border = (REACH * voxel).ceil() as usize + 2;
-    let faintest = FAINT * image.max();
+    let border = (look.reach * voxel).ceil() as usize + 2;
+    let faintest = look.faintest * image.max();
     let mut ridges = vec![];
     for y in border..height.saturating_sub(border) {
         for x in border..width.saturating_sub(border) {
@@ -191,7 +196,7 @@ pub fn find(image: &Image, voxel: f64) -> Vec<Section> {
     for (_, section) in ridges {
         let near = |c: &Section| (c.at[0] - section.at[0]).hypot(c.at[1] - section.at[1]) < APART * voxel;
         if chosen.len() < MOST && !chosen.iter().any(near) {
-            chosen.extend(isolated(image, section, voxel, faintest));
+            chosen.extend(isolated(image, Section { reach: look.reach * voxel, ..section }, voxel, faintest));
         }
     }
     chosen
@@ -202,11 +207,55 @@ pub fn rules() -> String {
     format!(
         "Sections are found in the fine reference alone: ridge points (Hessian at a scale of {SCALE} fine voxels, the \
          sharper curvature downwards and at least 4 times the other), strongest first, at least {APART} fine voxels \
-         apart, at most {MOST}; kept where the profile across (±{REACH} fine voxels) shows one bump of at least {} % of \
-         the image's maximum, at most {THIN} fine voxels wide, nothing else of half its height beside it, and a background \
-         that differs by at most {} % of the contrast between both sides. The background is read at the fine \
-         profile's lowest point on each side, the same two places in every image.",
-        100.0 * FAINT,
+         apart, at most {MOST}; kept where the profile across shows one bump, at most {THIN} fine voxels wide, with nothing \
+         else of half its height beside it and a background that differs by at most {} % of the contrast between both \
+         sides. The profile's reach and the least contrast are given with each scan. The background is read at the \
+         fine profile's lowest point on each side, the same two places in every image.",
         100.0 * UNEVEN
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A straight ridge with a Gaussian profile over a sloping background, and its unit normal.
+    fn gaussian(sigma: f64, degrees: f64) -> (Image, [f64; 2]) {
+        let mut image = Image::zeros(Extent { width: 120, height: 120 });
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        for (n, v) in image.values_mut().iter_mut().enumerate() {
+            let (x, y) = ((n % 120) as f64 + 0.5 - 60.3, (n / 120) as f64 + 0.5 - 59.6);
+            let d = x * cos + y * sin;
+            *v = 7.0 * (-0.5 * (d / sigma).powi(2)).exp() + 3.0 + 0.01 * d;
+        }
+        (image, [cos, sin])
+    }
+
+    #[test]
+    fn a_gaussian_ridge_has_its_contrast_width_and_place() {
+        for (sigma, degrees) in [(2.0, 20.0), (3.5, 77.0), (2.7, 135.0)] {
+            let (image, normal) = gaussian(sigma, degrees);
+            // The section is set a pixel aside; bilinear reading adds a variance of at most 1/4 pixel² to sigma².
+            let at = [60.3 - normal[0], 59.6 - normal[1]];
+            let m = measure(&image, &Section { at, normal, sides: [-18.0, 18.0], reach: 20.0 }, 2.0).expect("a peak");
+            let widest = (8.0 * 2f64.ln() * (sigma * sigma + 0.25)).sqrt();
+            let width = (8.0 * 2f64.ln()).sqrt() * sigma;
+            assert!(m.width > 0.995 * width && m.width < 1.005 * widest, "{} {width} {widest}", m.width);
+            assert!(m.contrast < 7.01 && m.contrast > 6.95 * sigma / (sigma * sigma + 0.25).sqrt(), "{}", m.contrast);
+            assert!((m.shift - 1.0).abs() < 0.1, "{}", m.shift);
+        }
+    }
+
+    #[test]
+    fn sections_lie_on_a_lone_thin_ridge_and_not_on_a_broad_one() {
+        let (image, normal) = gaussian(2.0, 20.0);
+        let sections = find(&image, 2.0, Look { reach: 10.0, faintest: 0.02 });
+        assert!(sections.len() > 4, "{}", sections.len());
+        for s in sections {
+            let d = (s.at[0] - 60.3) * normal[0] + (s.at[1] - 59.6) * normal[1];
+            let along = s.normal[0] * normal[0] + s.normal[1] * normal[1];
+            assert!(d.abs() < 0.2 && along.abs() > 0.99, "{d} {along}");
+        }
+        assert!(find(&gaussian(6.0, 20.0).0, 2.0, Look { reach: 10.0, faintest: 0.02 }).is_empty());
+    }
 }

@@ -6,8 +6,8 @@ use mcvr::volume::Grid;
 
 use crate::kernels::candidates;
 use crate::report::{Row, spread};
-use crate::ridges::{Section, measure};
-use crate::{Outcome, Weights, compared, parallel, rmse, shown};
+use crate::ridges::Section;
+use crate::{Outcome, Weights, Yardstick, parallel, rmse, shown};
 
 /// Radii in voxels.
 const RADII: [f64; 3] = [0.5, 1.0, 1.5];
@@ -71,11 +71,10 @@ impl Tube {
 
 /// The images of one tube and where its sections lie.
 struct Case {
-    tube: Tube,
     weights: Weights,
     camera: mcvr::scene::Camera,
     truth: Image,
-    sections: Vec<Section>,
+    yardstick: Yardstick,
 }
 
 impl Case {
@@ -108,18 +107,22 @@ impl Case {
         // Half a voxel apart along the tube; the background is 0, six voxels off on both sides at the scale of the
         // measurement (a pixel pair to a voxel of the measure, see `VOXEL`).
         let steps = (2.0 * HALF / 0.5) as i64;
-        let sections = (0..=steps)
+        let sections: Vec<Section> = (0..=steps)
             .map(|s| {
                 let at = flat(tube.point + tube.axis * (s as f64 * 0.5 - HALF));
-                Section { at, normal, sides: [-6.0 * SCALE, 6.0 * SCALE] }
+                Section { at, normal, sides: [-6.0 * SCALE, 6.0 * SCALE], reach: 10.0 * SCALE }
             })
             .collect();
-        Ok(Some(Self { tube, weights, camera, truth, sections }))
+        let yardstick = Yardstick::new(&truth, &sections, SCALE);
+        if yardstick.sections.len() != sections.len() {
+            return Err(format!("a tube along {} cannot be measured in its own truth", tube.axis).into());
+        }
+        Ok(Some(Self { weights, camera, truth, yardstick }))
     }
 
     /// RMSE over the pixels near the sections, over the mean of the truth there.
     fn error(&self, image: &Image) -> Outcome<f64> {
-        let [first, last] = [0, self.sections.len() - 1].map(|n| self.sections[n].at);
+        let [first, last] = [0, self.yardstick.sections.len() - 1].map(|n| self.yardstick.sections[n].at);
         let (cx, cy) = (0.5 * (first[0] + last[0]), 0.5 * (first[1] + last[1]));
         let r = HALF * SCALE;
         let inside = |n: usize| {
@@ -154,12 +157,8 @@ pub fn study(rows: &mut Vec<Row>) -> Outcome<()> {
             let (mut all, mut beads, mut errors, mut checks) = (vec![], vec![], vec![], vec![]);
             let mut last = None;
             for case in &cases {
-                let reference: Vec<_> = case.sections.iter().filter_map(|s| measure(&case.truth, s, SCALE)).collect();
-                if reference.len() != case.sections.len() {
-                    return Err(format!("a tube along {} cannot be measured in its own truth", case.tube.axis).into());
-                }
                 let shown = shown(&case.weights, &candidate, &case.camera)?;
-                let measures = compared(&reference, &shown.image, &case.sections, SCALE);
+                let measures = case.yardstick.compared(&shown.image);
                 let contrast: Vec<f64> = measures.iter().flatten().map(|m| m[0]).collect();
                 if contrast.len() > 1 {
                     beads.push(unevenness(&contrast));
@@ -172,7 +171,7 @@ pub fn study(rows: &mut Vec<Row>) -> Outcome<()> {
             let Some(mut last) = last else { continue };
             last.check = checks.into_iter().reduce(f64::max);
             let name = format!("tubes r = {radius}");
-            let row = Row::new("closed form", &name, &candidate, &last, &all, [1.0 / SCALE, SCALE])?;
+            let row = Row::new("closed form", &name, &candidate, &last, &all, [1.0 / SCALE, SCALE]);
             let mean = errors.iter().sum::<f64>() / errors.len() as f64;
             let row = row.rmse(mean).beading(spread(beads)[1]);
             println!("  {row}");

@@ -9,7 +9,7 @@ use crate::Outcome;
 use crate::ridges::Section;
 
 /// The kernels shown, after the fine reference.
-pub const TILES: [&str; 5] = ["box", "shell", "hermite", "tent", "bspline3"];
+pub const TILES: [&str; 6] = ["box", "shell", "hermite", "tent", "bspline3", "concentrated tent"];
 /// Side of a tile in pixels, before it is doubled.
 const TILE: usize = 110;
 

@@ -99,7 +99,7 @@ impl std::fmt::Display for Row {
         let (c, w) = (self.contrast, self.widening);
         write!(
             f,
-            "{:<11} contrast {:.3} ({:.3}-{:.3}) width x{:.3} ({:.3}-{:.3}) shift {:.3} rmse {:.4} lost {} check {:?} {:?}",
+            "{:<17} contrast {:.3} ({:.3}-{:.3}) width x{:.3} ({:.3}-{:.3}) shift {:.3} rmse {:.4} lost {} check {:?} {:?}",
             self.kernel,
             c[1],
             c[0],
@@ -212,10 +212,11 @@ fn page(rows: &[Row], missing: &[&str], shell: [f64; 2]) -> Outcome<String> {
         page,
         "How good the images are: `ray cast` ones are exact along rays; over the pixels' area they are good to {:.1e} \
          of the mean by the ray caster's own estimate (the worst). `footprint` ones (the shell, the kernels outside the \
-         library, and the whole study **full**) carry no noise; where both kinds exist they differ by at most {:.2} % \
+         library, `bspline3` on images of more than {} pixels, and the whole study **full**) carry no noise; where both kinds exist they differ by at most {:.2} % \
          (root mean square of the difference over the image's). The shell's footprint and its sampler (2^28 points, \
          `phantom:vessels@64`) differ by {:.2} %, two such samples by {:.2} %.\n",
         worst(|r| r.cast_error),
+        crate::SPLINE_PIXELS,
         100.0 * worst(|r| r.footprint_error),
         100.0 * shell[0],
         100.0 * shell[1]

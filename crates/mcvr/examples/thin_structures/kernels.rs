@@ -68,7 +68,7 @@ pub fn candidates() -> Vec<Candidate> {
         new("shell", "the report's", of(Kernel::Shell), |_| 1.0, 0.5),
         new("trapezoid", "box * box of half the width", None, trapezoid, 0.75),
         new("quintic", "interpolating, C2", None, quintic, 1.0),
-        new("hermite", "interpolating, C1: 1 - 3t² + 2|t|³", None, hermite, 1.0),
+        new("hermite", "interpolating, C1: 1 - 3t² + 2t³ for t = 0 to 1", None, hermite, 1.0),
         new("mixture", "box or tent by lot, 2 to 3, on each axis: hermite's variance", None, mixture, 1.0),
         new("tent", "trilinear", of(Kernel::Tent), tent, 1.0),
         new("bspline3", "cubic B-spline", of(Kernel::Bspline3), bspline3, 2.0),

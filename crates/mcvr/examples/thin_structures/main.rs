@@ -280,7 +280,7 @@ fn study(scan: &Scan, volume: &Volume, out: &Path, rows: &mut Vec<Row>) -> Outco
         };
         half.push(row("half", &shown, &truth, &yardstick, 2.0 * PIXELS_PER_VOXEL)?);
         let pool = Shown { image: pooled(&shown.image, pixel), ..shown };
-        half_large.push(row("half, large pixels", &pool, &large, &large_yardstick, 2.0 * PIXELS_PER_VOXEL)?);
+        half_large.push(row("half in large pixels", &pool, &large, &large_yardstick, 2.0 * PIXELS_PER_VOXEL)?);
         if pictures::TILES.contains(&candidate.name) {
             tiles.push(shown.image);
         }

@@ -12,7 +12,7 @@ use crate::{Outcome, SCANS, Shown, ridges};
 /// One kernel on one scene.
 #[derive(Serialize)]
 pub struct Row {
-    /// `half`: a copy at half the resolution; `full`: the scan itself; `closed form`: tubes.
+    /// `half`: a copy at half the resolution, `half in large pixels`: its images averaged over pixels as wide as a voxel; `full`: the scan itself; `closed form`: tubes.
     pub study: String,
     pub scene: String,
     pub kernel: &'static str,
@@ -145,7 +145,7 @@ fn table(page: &mut String, rows: &[&Row]) -> Outcome<()> {
 fn responses(page: &mut String) -> Outcome<()> {
     writeln!(
         page,
-        "| kernel | | variance (voxels²) | keeps at period 4 | keeps at period 2 | lattice (1,0,0) | (1,1,0) | (1,1,1) |"
+        "| kernel | | variance (voxels²) | keeps at period 4 | keeps at period 2 | lattice (1,0,0) | (1,1,0) | (1,1,1) | staircase |"
     )?;
     writeln!(page, "|---|---|---|---|---|---|---|---|---|")?;
     for c in candidates() {
@@ -212,7 +212,8 @@ fn page(rows: &[Row], missing: &[&str], shell: [f64; 2]) -> Outcome<String> {
         page,
         "How good the images are: `ray cast` ones are exact along rays; over the pixels' area they are good to {:.1e} \
          of the mean by the ray caster's own estimate (the worst). `footprint` ones (the shell, the kernels outside the \
-         library, `bspline3` on images of more than {} pixels, and the whole study **full**) carry no noise; where both kinds exist they differ by at most {:.2} % \
+         library, `bspline3` on images of more than {} pixels, and the whole study **full**) \
+         carry no noise; where both kinds exist they differ by at most {:.2} % \
          (root mean square of the difference over the image's). The shell's footprint and its sampler (2^28 points, \
          `phantom:vessels@64`) differ by {:.2} %, two such samples by {:.2} %.\n",
         worst(|r| r.cast_error),
@@ -235,7 +236,7 @@ fn page(rows: &[Row], missing: &[&str], shell: [f64; 2]) -> Outcome<String> {
         let group: Vec<&Row> = rows.iter().filter(|r| (r.study.as_str(), r.scene.as_str()) == last).collect();
         let title = match last.0 {
             "half" => "copy at half the resolution against the fine scan",
-            "half, large pixels" => "the same, seen by pixels as wide as a voxel of the copy",
+            "half in large pixels" => "the same, seen by pixels as wide as a voxel of the copy",
             "full" => "the scan itself against its own `box` image",
             _ => "against the closed form",
         };

@@ -5,6 +5,7 @@
 //! Terms and mathematics follow METHOD sections 1, 2 and 5.
 
 mod camera;
+mod concentrate;
 mod density;
 pub mod effects;
 mod error;

@@ -90,7 +90,7 @@ mod tests {
             });
             let (px, py, z) = camera.project(grid.index_to_world().transform_point3(at.into()));
             let ahead = parallel || z >= camera.near();
-            let inside = ahead && px >= 0.0 && px < 64.0 && py >= 0.0 && py < 48.0;
+            let inside = ahead && (0.0..64.0).contains(&px) && (0.0..48.0).contains(&py);
             match frustum.see(low, high) {
                 Sight::Seen => {}
                 Sight::Near => prop_assert!(!ahead),

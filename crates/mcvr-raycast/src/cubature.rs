@@ -40,7 +40,22 @@ pub(crate) struct Limits {
     pub base: u32,
     /// Squares of side 2^-depth are not quartered further.
     pub depth: u32,
+    /// How the squares' estimates add up.
+    pub total: Total,
 }
+
+/// How the estimates of a pixel's squares make up the pixel's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Total {
+    /// Their sum: a bound, whatever their signs.
+    Sum,
+    /// At most [`SPREAD`] times the root of the sum of their squares: for integrands whose errors have independent
+    /// signs, as kinks and cusps scattered over the pixel leave them.
+    Spread,
+}
+
+/// Standard errors that [`Total::Spread`] allows for.
+const SPREAD: f64 = 2.0;
 
 /// A pixel's mean with its error estimate, by channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,6 +96,17 @@ impl<const C: usize> Square<C> {
 /// The largest of some errors (at least 0).
 fn largest<const C: usize>(errors: [f64; C]) -> f64 {
     errors.into_iter().fold(0.0, f64::max)
+}
+
+impl Total {
+    /// From the sum of the errors and that of their squares, by channel.
+    fn of<const C: usize>(self, sum: [f64; C], squares: [f64; C]) -> [f64; C] {
+        match self {
+            Total::Sum => sum,
+            // Updates leave rounding behind, which may go below 0.
+            Total::Spread => std::array::from_fn(|c| sum[c].min(SPREAD * squares[c].max(0.0).sqrt())),
+        }
+    }
 }
 
 /// `Σ of(square) area`, by channel.
@@ -186,11 +212,13 @@ impl Rule {
                 squares.push(self.assess(&mut f, (x + i as f64 * side, y + j as f64 * side, limits.base), None));
             }
         }
-        let mut total = sum(squares, |s| s.error);
+        // The area comes in once more when the squares are summed.
+        let square = |s: &Square<C>| s.error.map(|e| e * e * s.area());
+        let (mut total, mut spread) = (sum(squares, |s| s.error), sum(squares, square));
         let mut limited = false;
-        if largest(total) > limits.tolerance {
+        if largest(limits.total.of(total, spread)) > limits.tolerance {
             queue.extend(squares.iter().enumerate().map(|(index, s)| Worst { error: s.worst(), index }));
-            while largest(total) > limits.tolerance {
+            while largest(limits.total.of(total, spread)) > limits.tolerance {
                 let Some(Worst { index, .. }) = queue.pop() else {
                     limited = true;
                     break;
@@ -200,16 +228,20 @@ impl Rule {
                     continue;
                 }
                 let area = parent.area();
-                for (total, e) in total.iter_mut().zip(parent.error) {
-                    *total -= e * area;
+                for c in 0..C {
+                    let e = parent.error[c] * area;
+                    total[c] -= e;
+                    spread[c] -= e * e;
                 }
                 let half = 0.5 * parent.side();
                 for q in 0..4 {
                     let (cx, cy) = (parent.x + half * (q & 1) as f64, parent.y + half * (q >> 1) as f64);
                     let child = self.assess(&mut f, (cx, cy, parent.depth + 1), Some((&parent, q)));
                     let area = child.area();
-                    for (total, e) in total.iter_mut().zip(child.error) {
-                        *total += e * area;
+                    for c in 0..C {
+                        let e = child.error[c] * area;
+                        total[c] += e;
+                        spread[c] += e * e;
                     }
                     let error = child.worst();
                     // The first quarter takes the parent's place, the others go to the end.
@@ -223,7 +255,11 @@ impl Rule {
                 }
             }
         }
-        PixelMean { value: sum(squares, |s| s.fine), error: sum(squares, |s| s.error), limited }
+        PixelMean {
+            value: sum(squares, |s| s.fine),
+            error: limits.total.of(sum(squares, |s| s.error), sum(squares, square)),
+            limited,
+        }
     }
 }
 
@@ -231,7 +267,7 @@ impl Rule {
 mod tests {
     use super::*;
 
-    const LIMITS: Limits = Limits { tolerance: 1e-6, base: 0, depth: 9 };
+    const LIMITS: Limits = Limits { tolerance: 1e-6, base: 0, depth: 9, total: Total::Sum };
 
     /// A mean of one channel.
     #[derive(Debug)]

@@ -49,8 +49,9 @@ pub(crate) struct Limits {
 pub(crate) enum Total {
     /// Their sum: a bound, whatever their signs.
     Sum,
-    /// At most [`SPREAD`] times the root of the sum of their squares: for integrands whose errors have independent
-    /// signs, as kinks and cusps scattered over the pixel leave them.
+    /// [`SPREAD`] times the root of the sum of their squares, when that is less: for integrands whose errors have
+    /// independent signs, as kinks and cusps scattered over the pixel leave them. Squares that the depth limit leaves
+    /// unresolved count with their sum all the same: they may follow one jump, with one sign.
     Spread,
 }
 
@@ -98,13 +99,50 @@ fn largest<const C: usize>(errors: [f64; C]) -> f64 {
     errors.into_iter().fold(0.0, f64::max)
 }
 
-impl Total {
-    /// From the sum of the errors and that of their squares, by channel.
-    fn of<const C: usize>(self, sum: [f64; C], squares: [f64; C]) -> [f64; C] {
-        match self {
-            Total::Sum => sum,
-            // Updates leave rounding behind, which may go below 0.
-            Total::Spread => std::array::from_fn(|c| sum[c].min(SPREAD * squares[c].max(0.0).sqrt())),
+/// Estimates of a pixel's squares, by channel.
+#[derive(Clone, Copy)]
+struct Estimates<const C: usize> {
+    sum: [f64; C],
+    /// Sum of the squares of those that can still be quartered, and sum of the others.
+    squares: [f64; C],
+    stuck: [f64; C],
+}
+
+impl<const C: usize> Estimates<C> {
+    fn new(all: &[Square<C>], limits: Limits) -> Self {
+        let mut estimates = Self { sum: [0.0; C], squares: [0.0; C], stuck: [0.0; C] };
+        all.iter().for_each(|s| estimates.add(s, limits));
+        estimates
+    }
+
+    fn add(&mut self, s: &Square<C>, limits: Limits) {
+        for c in 0..C {
+            let e = s.error[c] * s.area();
+            self.sum[c] += e;
+            if s.depth < limits.depth {
+                self.squares[c] += e * e;
+            } else {
+                self.stuck[c] += e;
+            }
+        }
+    }
+
+    /// Takes out a square that is being quartered.
+    fn remove(&mut self, s: &Square<C>) {
+        for c in 0..C {
+            let e = s.error[c] * s.area();
+            self.sum[c] -= e;
+            self.squares[c] -= e * e;
+        }
+    }
+
+    fn total(&self, total: Total) -> [f64; C] {
+        match total {
+            Total::Sum => self.sum,
+            Total::Spread => std::array::from_fn(|c| {
+                // Updates leave rounding behind, which may go below 0.
+                self.sum[c].min(SPREAD * self.squares[c].max(0.0).sqrt() + self.stuck[c])
+            }),
         }
     }
 }
@@ -212,13 +250,11 @@ impl Rule {
                 squares.push(self.assess(&mut f, (x + i as f64 * side, y + j as f64 * side, limits.base), None));
             }
         }
-        // The area comes in once more when the squares are summed.
-        let square = |s: &Square<C>| s.error.map(|e| e * e * s.area());
-        let (mut total, mut spread) = (sum(squares, |s| s.error), sum(squares, square));
+        let mut estimates = Estimates::new(squares, limits);
         let mut limited = false;
-        if largest(limits.total.of(total, spread)) > limits.tolerance {
+        if largest(estimates.total(limits.total)) > limits.tolerance {
             queue.extend(squares.iter().enumerate().map(|(index, s)| Worst { error: s.worst(), index }));
-            while largest(limits.total.of(total, spread)) > limits.tolerance {
+            while largest(estimates.total(limits.total)) > limits.tolerance {
                 let Some(Worst { index, .. }) = queue.pop() else {
                     limited = true;
                     break;
@@ -227,22 +263,12 @@ impl Rule {
                 if parent.depth >= limits.depth {
                     continue;
                 }
-                let area = parent.area();
-                for c in 0..C {
-                    let e = parent.error[c] * area;
-                    total[c] -= e;
-                    spread[c] -= e * e;
-                }
+                estimates.remove(&parent);
                 let half = 0.5 * parent.side();
                 for q in 0..4 {
                     let (cx, cy) = (parent.x + half * (q & 1) as f64, parent.y + half * (q >> 1) as f64);
                     let child = self.assess(&mut f, (cx, cy, parent.depth + 1), Some((&parent, q)));
-                    let area = child.area();
-                    for c in 0..C {
-                        let e = child.error[c] * area;
-                        total[c] += e;
-                        spread[c] += e * e;
-                    }
+                    estimates.add(&child, limits);
                     let error = child.worst();
                     // The first quarter takes the parent's place, the others go to the end.
                     let at = if q == 0 { index } else { squares.len() };
@@ -257,7 +283,7 @@ impl Rule {
         }
         PixelMean {
             value: sum(squares, |s| s.fine),
-            error: limits.total.of(sum(squares, |s| s.error), sum(squares, square)),
+            error: Estimates::new(squares, limits).total(limits.total),
             limited,
         }
     }

@@ -4,7 +4,7 @@ use mcvr_scene::{Camera, Estimand, Kernel};
 use mcvr_volume::Grid;
 use rayon::prelude::*;
 
-use crate::cubature::{Limits, PixelMean, Rule, Scratch};
+use crate::cubature::{Limits, PixelMean, Rule, Scratch, Total};
 use crate::integrator::{coarsest_pixel, outline};
 use crate::view::View;
 use crate::{Counters, RaycastError, ReferenceOptions, Watch};
@@ -76,6 +76,7 @@ impl Task<'_, '_> {
             tolerance: tolerance * (1.0 - share),
             base: self.base_depth().min(self.options.max_depth),
             depth: self.options.max_depth,
+            total: if share > 0.0 && rule == Rule::Continuous { Total::Spread } else { Total::Sum },
         };
 
         let mut values = vec![[0.0; C]; pixels];

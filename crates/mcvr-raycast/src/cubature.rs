@@ -40,7 +40,23 @@ pub(crate) struct Limits {
     pub base: u32,
     /// Squares of side 2^-depth are not quartered further.
     pub depth: u32,
+    /// How the squares' estimates add up.
+    pub total: Total,
 }
+
+/// How the estimates of a pixel's squares make up the pixel's.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Total {
+    /// Their sum: a bound, whatever their signs.
+    Sum,
+    /// [`SPREAD`] times the root of the sum of their squares, when that is less: for integrands whose errors have
+    /// independent signs, as kinks and cusps scattered over the pixel leave them. Squares that the depth limit leaves
+    /// unresolved count with their sum all the same: they may follow one jump, with one sign.
+    Spread,
+}
+
+/// Standard errors that [`Total::Spread`] allows for.
+const SPREAD: f64 = 2.0;
 
 /// A pixel's mean with its error estimate, by channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,6 +97,54 @@ impl<const C: usize> Square<C> {
 /// The largest of some errors (at least 0).
 fn largest<const C: usize>(errors: [f64; C]) -> f64 {
     errors.into_iter().fold(0.0, f64::max)
+}
+
+/// Estimates of a pixel's squares, by channel.
+#[derive(Clone, Copy)]
+struct Estimates<const C: usize> {
+    sum: [f64; C],
+    /// Sum of the squares of those that can still be quartered, and sum of the others.
+    squares: [f64; C],
+    stuck: [f64; C],
+}
+
+impl<const C: usize> Estimates<C> {
+    fn new(all: &[Square<C>], limits: Limits) -> Self {
+        let mut estimates = Self { sum: [0.0; C], squares: [0.0; C], stuck: [0.0; C] };
+        all.iter().for_each(|s| estimates.add(s, limits));
+        estimates
+    }
+
+    fn add(&mut self, s: &Square<C>, limits: Limits) {
+        for c in 0..C {
+            let e = s.error[c] * s.area();
+            self.sum[c] += e;
+            if s.depth < limits.depth {
+                self.squares[c] += e * e;
+            } else {
+                self.stuck[c] += e;
+            }
+        }
+    }
+
+    /// Takes out a square that is being quartered.
+    fn remove(&mut self, s: &Square<C>) {
+        for c in 0..C {
+            let e = s.error[c] * s.area();
+            self.sum[c] -= e;
+            self.squares[c] -= e * e;
+        }
+    }
+
+    fn total(&self, total: Total) -> [f64; C] {
+        match total {
+            Total::Sum => self.sum,
+            Total::Spread => std::array::from_fn(|c| {
+                // Updates leave rounding behind, which may go below 0.
+                self.sum[c].min(SPREAD * self.squares[c].max(0.0).sqrt() + self.stuck[c])
+            }),
+        }
+    }
 }
 
 /// `Σ of(square) area`, by channel.
@@ -186,11 +250,11 @@ impl Rule {
                 squares.push(self.assess(&mut f, (x + i as f64 * side, y + j as f64 * side, limits.base), None));
             }
         }
-        let mut total = sum(squares, |s| s.error);
+        let mut estimates = Estimates::new(squares, limits);
         let mut limited = false;
-        if largest(total) > limits.tolerance {
+        if largest(estimates.total(limits.total)) > limits.tolerance {
             queue.extend(squares.iter().enumerate().map(|(index, s)| Worst { error: s.worst(), index }));
-            while largest(total) > limits.tolerance {
+            while largest(estimates.total(limits.total)) > limits.tolerance {
                 let Some(Worst { index, .. }) = queue.pop() else {
                     limited = true;
                     break;
@@ -199,18 +263,12 @@ impl Rule {
                 if parent.depth >= limits.depth {
                     continue;
                 }
-                let area = parent.area();
-                for (total, e) in total.iter_mut().zip(parent.error) {
-                    *total -= e * area;
-                }
+                estimates.remove(&parent);
                 let half = 0.5 * parent.side();
                 for q in 0..4 {
                     let (cx, cy) = (parent.x + half * (q & 1) as f64, parent.y + half * (q >> 1) as f64);
                     let child = self.assess(&mut f, (cx, cy, parent.depth + 1), Some((&parent, q)));
-                    let area = child.area();
-                    for (total, e) in total.iter_mut().zip(child.error) {
-                        *total += e * area;
-                    }
+                    estimates.add(&child, limits);
                     let error = child.worst();
                     // The first quarter takes the parent's place, the others go to the end.
                     let at = if q == 0 { index } else { squares.len() };
@@ -223,7 +281,11 @@ impl Rule {
                 }
             }
         }
-        PixelMean { value: sum(squares, |s| s.fine), error: sum(squares, |s| s.error), limited }
+        PixelMean {
+            value: sum(squares, |s| s.fine),
+            error: Estimates::new(squares, limits).total(limits.total),
+            limited,
+        }
     }
 }
 
@@ -231,7 +293,7 @@ impl Rule {
 mod tests {
     use super::*;
 
-    const LIMITS: Limits = Limits { tolerance: 1e-6, base: 0, depth: 9 };
+    const LIMITS: Limits = Limits { tolerance: 1e-6, base: 0, depth: 9, total: Total::Sum };
 
     /// A mean of one channel.
     #[derive(Debug)]

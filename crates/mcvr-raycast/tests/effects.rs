@@ -191,6 +191,31 @@ fn the_true_error_is_below_the_estimate() {
     }
 }
 
+#[test]
+fn flat_blocks_seen_edge_on_do_not_fool_the_estimate() {
+    // Inside a block the gradient is exactly 0, beside it not: shading jumps at the faces of cells, and where those are
+    // seen edge-on, errors of neighbouring squares have the same sign.
+    let grid = plain_grid([9, 9, 9]);
+    let block = |n: usize| if grid.unravel(n).iter().all(|i| (2..7).contains(i)) { 100u8 } else { 0 };
+    let d = density(grid.clone(), (0..grid.len()).map(block).collect::<Vec<u8>>());
+    for (azimuth, elevation, parallel) in [(0.0, 0.0, true), (0.0, 0.0, false), (30.0, 0.0, true), (1.0, 0.5, false)] {
+        let camera = look(&grid, azimuth, elevation, parallel, 11);
+        for case in ["one-sided", "two-sided", "shading and cue"] {
+            let look = look_of(&effects(case), &d, &camera);
+            for kernel in [Kernel::Tent, Kernel::Bspline3] {
+                let at = |tolerance, max_depth| {
+                    let o = ReferenceOptions { max_depth, ..options(Estimand::Line, kernel, tolerance) };
+                    reference_of(&d, &camera, &look, &o)
+                };
+                let (r, truth) = (at(2e-2, 4), at(1e-3, 6));
+                let error = rms_of(&r.channels, &truth.channels) / mean_of(&truth.channels);
+                let estimate = r.rel_rmse_estimate;
+                assert!(error <= estimate, "{case} {kernel} {azimuth} {parallel}: {error:e} {estimate:e}");
+            }
+        }
+    }
+}
+
 /// A volume whose weights depend on z alone, a parallel camera along z that sees only its middle, and a light so far
 /// away at the given angle from z that its rays are parallel.
 fn layers(weights: &[f64], angle: f64) -> (Density, Camera, Light) {

@@ -112,4 +112,16 @@ mod tests {
         let same = density([3, 1, 1], vec![3.0, 11.0, 3.0]);
         assert!((0..3).all(|n| moved(&mapped).weight(n) == moved(&same).weight(n)));
     }
+
+    #[test]
+    fn a_map_that_concentrates_gives_the_moved_weights() {
+        let voxels: Vec<f32> = (0..9 * 8 * 7).map(|n| (n * 7919 % 97) as f32).collect();
+        let plain = density([9, 8, 7], voxels);
+        let map = DensityMap { concentrate: true, ..DensityMap::default() };
+        let moved = Density::new(plain.volume(), map.clone()).unwrap();
+        assert!((0..9 * 8 * 7).all(|n| moved.weight(n) == plain.concentrated().unwrap().isovalue(n)));
+        let gains = Some(crate::effects::Gains { ranges: vec![(0.0, 50.0, 1.0)], elsewhere: 0.0 });
+        let message = Density::new(plain.volume(), DensityMap { gains, ..map }).unwrap_err().to_string();
+        assert!(message.contains("materials"), "{message}");
+    }
 }

@@ -58,6 +58,10 @@ pub struct DensityMap {
     pub emphasis: Option<Emphasis>,
     /// What to do with negative weights.
     pub negative: NegativePolicy,
+    /// Move weights up the gradient first, so that thin structures keep their contrast under smooth kernels
+    /// (see [`Density::concentrated`](crate::Density::concentrated)). Takes 4 bytes a voxel. Not with materials.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub concentrate: bool,
     /// Factors by isovalue, as [materials](crate::Effects::gains) ask for them; scene files do not write them here.
     #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
     #[schemars(skip)]
@@ -71,6 +75,9 @@ impl DensityMap {
     /// [`SceneError::Density`] when one is not finite or points are not in rising order.
     pub fn check(&self) -> Result<(), SceneError> {
         let fail = |m: String| Err(SceneError::Density(m));
+        if self.concentrate && self.gains.is_some() {
+            return fail("concentrate changes isovalues, by which materials are told apart; use one of the two".into());
+        }
         match &self.transfer {
             Transfer::Identity => {}
             Transfer::Linear { slope, intercept } if slope.is_finite() && intercept.is_finite() => {}

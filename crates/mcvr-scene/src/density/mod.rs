@@ -66,13 +66,19 @@ pub struct Density {
 }
 
 impl Density {
-    /// Applies a map to a volume. Reads every voxel once.
+    /// Applies a map to a volume. Reads every voxel once. With `concentrate`, [`Density::volume`] and [`Density::map`] are those of
+    /// the moved weights.
     ///
     /// # Errors
     /// [`SceneError::Density`] when a parameter is unusable, a weight is NaN or infinite (with count and first
     /// position), a weight is negative and the policy refuses it, or nothing is left to draw.
     pub fn new(volume: &Volume, map: DensityMap) -> Result<Self, SceneError> {
         map.check()?;
+        if map.concentrate {
+            let plain = Self::new(volume, DensityMap { concentrate: false, ..map })?;
+            let moved = plain.concentrated().map_err(|e| SceneError::Density(e.to_string()))?;
+            return Self::new(&moved, DensityMap::default());
+        }
         let iso = |stored: f64| volume.slope() * stored + volume.intercept();
         let (table, tally) = with_voxels!(volume.voxels(), v => scan(v, |s| map.raw_weight(iso(s))));
         if tally.bad > 0 {

@@ -55,6 +55,9 @@ pub struct DensityArgs {
     /// Negative weights: clamp (to 0, stating the mass) or refuse
     #[arg(long, value_name = "POLICY", value_parser = negative)]
     pub negative: Option<NegativePolicy>,
+    /// Move weights up the gradient: thin structures keep their contrast under smooth kernels
+    #[arg(long)]
+    pub concentrate: bool,
 }
 
 impl DensityArgs {

@@ -86,6 +86,7 @@ pub fn setup(
         transfer: density.map.clone().unwrap_or(base.transfer),
         emphasis: density.emphasis().or(base.emphasis),
         negative: density.negative.unwrap_or(base.negative),
+        concentrate: density.concentrate || base.concentrate,
         gains: None,
     };
     let views = views(view, method.camera.as_deref(), &scene, loaded.volume.grid())?;

@@ -146,8 +146,11 @@ fn stream_bytes(method: Method, samples: u64) -> u64 {
     }
 }
 
-/// Bytes of the tables that weights are looked up in.
-pub(super) fn table_bytes(scenery: &Scenery) -> u64 {
+/// Bytes of what weights are looked up in: a table, or the voxels of moved weights.
+pub(super) fn weight_bytes(scenery: &Scenery) -> u64 {
+    if scenery.map.concentrate {
+        return 4 * scenery.volume.grid().len() as u64;
+    }
     scenery.volume.voxel_type().cardinality().map_or(0, |n| 8 * n as u64)
 }
 

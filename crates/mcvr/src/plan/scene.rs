@@ -4,7 +4,7 @@ use mcvr_scene::film::Film;
 use mcvr_scene::{Look, Watch};
 use serde_json::json;
 
-use super::sampled::{draws, sampled, table_bytes};
+use super::sampled::{draws, sampled, weight_bytes};
 use super::{Forecast, LeftOut, Pass, Plan, film_pass, grouped};
 use crate::{MakeError, Method, Request, Scenery};
 
@@ -30,7 +30,7 @@ pub fn plan(scenery: &Scenery, request: &Request, film: &Film) -> Result<Plan, M
         name: "weights",
         why: weights_why(scenery),
         reads: "each voxel once, for the mass".to_owned(),
-        holds: table_bytes(scenery),
+        holds: weight_bytes(scenery),
         work: vec![],
     });
     if request.method.samples_volume() {
@@ -54,6 +54,9 @@ fn weights_why(scenery: &Scenery) -> String {
     let mut why = format!("density.transfer = {}", json!(map.transfer).to_string().replace('"', ""));
     if let Some(e) = map.emphasis {
         why += &format!(", emphasis x{} from {}", e.gain, e.threshold);
+    }
+    if map.concentrate {
+        why += ", density.concentrate";
     }
     if map.gains.is_some() {
         why += ", weights of effects.materials";

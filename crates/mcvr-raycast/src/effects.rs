@@ -32,7 +32,9 @@ pub struct LookReference {
 ///
 /// A look that [is plain](Look::is_plain) takes the exact way of [`reference()`]. Otherwise `tolerance` is the largest
 /// error estimate of a pixel as a share of the mean pixel of all channels (before the tint), a twentieth of it allotted
-/// to the errors along the rays. `watch` hears of every finished row.
+/// to the errors along the rays. With shading or cue (and a kernel other than `box`) a pixel's estimate is two standard
+/// errors of squares whose errors have independent signs, where the plain reference takes their sum. `watch` hears of
+/// every finished row.
 ///
 /// # Errors
 /// As [`reference()`].

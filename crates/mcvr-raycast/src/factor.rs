@@ -2,7 +2,7 @@
 
 use mcvr_scene::effects::Sides;
 
-use crate::line::{horner, powers};
+use crate::line::{horner, horners, powers};
 use crate::nested::{Along, LANES};
 
 /// Density, gradient, light and depth colour as polynomials in `x`, which runs over [-1, 1] on the piece.
@@ -14,6 +14,8 @@ pub(crate) struct CellIntegrand<const C: usize, const N: usize> {
     /// Vector to the light by component: constant and slope.
     pub light: [[f64; 2]; 3],
     pub shading: Option<Sides>,
+    /// Shading may have an edge of shadow here.
+    pub kinks: bool,
     /// Smallest distance of the depth cue in mm.
     pub cue: Option<f64>,
     /// Depth colour by channel: constant and slope.
@@ -27,6 +29,8 @@ pub(crate) struct CellIntegrand<const C: usize, const N: usize> {
 pub(crate) enum Facing {
     /// The factor is 0 everywhere.
     Dark,
+    /// It has no kinks.
+    Lit,
     /// It may have kinks.
     Mixed,
 }
@@ -40,19 +44,23 @@ pub(crate) fn facing(sides: Sides, gradient: &[[f64; 3]; 4], light: &[[f64; 2]; 
     if gradient.iter().flatten().all(|g| *g == 0.0) {
         return Facing::Dark;
     }
-    if sides == Sides::Two {
-        return Facing::Mixed;
-    }
     let dot = |g: &[f64; 3], sign: f64| -> f64 {
         g.iter().zip(light).map(|(g, [constant, slope])| g * (constant + sign * slope)).sum()
     };
     let [near, far] = [-1.0, 1.0].map(|sign| [0, 1, 2, 3].map(|k: usize| dot(&gradient[k], sign)));
-    let away = (0..=4).all(|k| {
+    let coefficients = [0, 1, 2, 3, 4].map(|k: usize| {
         let left = if k < 4 { (4 - k) as f64 * near[k] } else { 0.0 };
         let right = if k > 0 { k as f64 * far[k - 1] } else { 0.0 };
-        left + right >= 0.0
+        left + right
     });
-    if away { Facing::Dark } else { Facing::Mixed }
+    let away = coefficients.iter().all(|c| *c >= 0.0);
+    if away && sides == Sides::One {
+        Facing::Dark
+    } else if away || coefficients.iter().all(|c| *c <= 0.0) {
+        Facing::Lit
+    } else {
+        Facing::Mixed
+    }
 }
 
 /// Components from Bernstein form to powers.
@@ -82,29 +90,32 @@ impl<const C: usize, const N: usize> Along<C> for CellIntegrand<C, N> {
         let mut grey = [1.0; LANES];
         if self.shading.is_some() || self.cue.is_some() {
             let (mut light2, mut gradient2, mut towards) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-            for (g, [constant, slope]) in self.gradient.iter().zip(&self.light) {
+            for a in 0..3 {
+                let to_light = horners(&self.light[a], x);
+                let g = horners(&self.gradient[a], x);
                 for i in 0..LANES {
-                    let to_light = constant + slope * x[i];
-                    light2[i] += to_light * to_light;
-                    let g = horner(g, x[i]);
-                    gradient2[i] += g * g;
-                    towards[i] -= g * to_light;
+                    light2[i] += to_light[i] * to_light[i];
+                }
+                for i in 0..LANES {
+                    gradient2[i] += g[i] * g[i];
+                }
+                for i in 0..LANES {
+                    towards[i] -= g[i] * to_light[i];
                 }
             }
             if let Some(sides) = self.shading {
+                let mut scale = [0.0; LANES];
                 for i in 0..LANES {
-                    let scale = (gradient2[i] * light2[i]).sqrt();
-                    let lit = match sides {
-                        Sides::One => {
-                            if towards[i] > 0.0 {
-                                towards[i]
-                            } else {
-                                0.0
-                            }
-                        }
-                        Sides::Two => towards[i].abs(),
-                    };
-                    grey[i] = if scale > 0.0 { lit / scale } else { 0.0 };
+                    scale[i] = (gradient2[i] * light2[i]).sqrt();
+                }
+                match sides {
+                    Sides::One => towards.iter_mut().for_each(|t| *t = if *t > 0.0 { *t } else { 0.0 }),
+                    Sides::Two => towards.iter_mut().for_each(|t| *t = t.abs()),
+                }
+                for i in 0..LANES {
+                    // Where the scale is 0 so is the numerator, but for underflow.
+                    let divisor = if scale[i] > 0.0 { scale[i] } else { f64::INFINITY };
+                    grey[i] = towards[i] / divisor;
                 }
             }
             if let Some(minimum) = self.cue {
@@ -114,20 +125,22 @@ impl<const C: usize, const N: usize> Along<C> for CellIntegrand<C, N> {
                 }
             }
         }
-        if let Some([constant, slope]) = self.squared {
+        if let Some(squared) = &self.squared {
+            let t = horners(squared, x);
             for i in 0..LANES {
-                let t = constant + slope * x[i];
-                grey[i] *= t * t;
+                grey[i] *= t[i] * t[i];
             }
         }
         let mut out = [grey; C];
         for (c, out) in out.iter_mut().enumerate() {
+            let density = horners(&self.density[c], x);
             for i in 0..LANES {
-                out[i] *= horner(&self.density[c], x[i]);
+                out[i] *= density[i];
             }
             if let Some(ramp) = &self.ramp {
+                let colour = horners(&ramp[c], x);
                 for i in 0..LANES {
-                    out[i] *= ramp[c][0] + ramp[c][1] * x[i];
+                    out[i] *= colour[i];
                 }
             }
         }
@@ -136,7 +149,9 @@ impl<const C: usize, const N: usize> Along<C> for CellIntegrand<C, N> {
 
     /// The edge of shadow, when it is between the ends: by regula falsi with the Illinois rule.
     fn kink(&self, a: f64, b: f64) -> Option<f64> {
-        self.shading?;
+        if !self.kinks {
+            return None;
+        }
         let (mut low, mut high) = ((a, self.towards(a)), (b, self.towards(b)));
         if low.1 * high.1 >= 0.0 {
             return None;
@@ -181,11 +196,11 @@ mod tests {
         let flat = [[0.0; 3]; 4];
         for sides in [Sides::One, Sides::Two] {
             assert_eq!(facing(sides, &flat, &light), Facing::Dark);
-            assert_eq!(facing(sides, &g([-1.0, -2.0, -1.0, -3.0]), &light), Facing::Mixed);
+            assert_eq!(facing(sides, &g([-1.0, -2.0, -1.0, -3.0]), &light), Facing::Lit);
+            assert_eq!(facing(sides, &g([1.0, 2.0, 1.0, -1.0]), &light), Facing::Mixed);
         }
         assert_eq!(facing(Sides::One, &g([1.0, 2.0, 1.0, 3.0]), &light), Facing::Dark);
-        assert_eq!(facing(Sides::Two, &g([1.0, 2.0, 1.0, 3.0]), &light), Facing::Mixed);
-        assert_eq!(facing(Sides::One, &g([1.0, 2.0, 1.0, -1.0]), &light), Facing::Mixed);
+        assert_eq!(facing(Sides::Two, &g([1.0, 2.0, 1.0, 3.0]), &light), Facing::Lit);
     }
 
     #[test]
@@ -195,6 +210,7 @@ mod tests {
             gradient: [[0.0; 4], [0.0; 4], [0.2, -1.0, 0.3, 0.4]],
             light: [[0.0; 2], [0.0; 2], [5.0, 1.0]],
             shading: Some(Sides::One),
+            kinks: true,
             cue: None,
             ramp: None,
             squared: None,

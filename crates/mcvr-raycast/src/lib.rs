@@ -13,6 +13,8 @@
 //!
 //! A pinhole counts only depths `z ≥ near`.
 //!
+//! [`reference_with_look`] and [`march_with_look`] are the same with [effects](mcvr_scene::effects) on the integrand.
+//!
 //! Sources: J. Amanatides and A. Woo, *A fast voxel traversal algorithm for ray tracing*, Eurographics 1987 (the
 //! walk from cell to cell); R. Siddon, *Fast calculation of the exact radiological path for a three-dimensional
 //! CT array*, Medical Physics 12, 1985 (the exact integral for `box`); P. Joseph, *An improved algorithm for

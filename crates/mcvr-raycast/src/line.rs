@@ -46,6 +46,18 @@ pub(crate) fn horner<const N: usize>(c: &[f64; N], x: f64) -> f64 {
     c.iter().rev().fold(0.0, |sum, c| sum * x + c)
 }
 
+/// The polynomial at several places: loops over the lanes inside, so that they become vectors.
+#[inline(always)]
+pub(crate) fn horners<const N: usize, const L: usize>(c: &[f64; N], x: &[f64; L]) -> [f64; L] {
+    let mut sum = [c[N - 1]; L];
+    for c in c[..N - 1].iter().rev() {
+        for i in 0..L {
+            sum[i] = sum[i] * x[i] + c;
+        }
+    }
+    sum
+}
+
 /// The cubic B-spline field of 4×4×4 weights at local coordinates.
 #[inline(always)]
 pub(crate) fn spline(w: &[f64; 64], [x, y, z]: [f64; 3]) -> f64 {

@@ -128,7 +128,7 @@ impl<'a, const C: usize, const N: usize> LitField<'a, C, N> {
         let to_light = self.look.light.unwrap_or(DVec3::ZERO) - (ray.world.origin + ray.world.direction * middle);
         let slope = ray.world.direction * -half;
         let light = [0, 1, 2].map(|a| [to_light[a], slope[a]]);
-        let mut gradient = [[0.0; 4]; 3];
+        let (mut gradient, mut kinks) = ([[0.0; 4]; 3], false);
         if let Some(sides) = self.look.shading {
             if !wide {
                 self.neighbours.surround(first, &mut ray.stencil, counters);
@@ -136,9 +136,11 @@ impl<'a, const C: usize, const N: usize> LitField<'a, C, N> {
             let differences = ray.stencil.differences();
             let along = trilinear(&differences.map(|[x, y, z]| [x, y, z, 0.0]), p, q);
             let along = along.map(|[x, y, z, _]| (self.to_gradient * DVec3::new(x, y, z)).to_array());
-            if facing(sides, &along, &light) == Facing::Dark {
+            let facing = facing(sides, &along, &light);
+            if facing == Facing::Dark {
                 return;
             }
+            kinks = facing == Facing::Mixed;
             gradient = components(&along);
         }
         let mut integrand = CellIntegrand::<C, N> {
@@ -146,6 +148,7 @@ impl<'a, const C: usize, const N: usize> LitField<'a, C, N> {
             gradient,
             light,
             shading: self.look.shading,
+            kinks,
             cue: self.look.cue_minimum,
             ramp: None,
             squared: self.view.squared().then_some([middle, half]),

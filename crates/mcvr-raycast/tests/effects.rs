@@ -3,6 +3,8 @@
 
 mod common;
 
+use std::sync::atomic::AtomicBool;
+
 use common::*;
 use glam::DVec3;
 use mcvr_raycast::{
@@ -430,4 +432,9 @@ fn unusable_options_are_refused_and_a_stop_is_heard() {
     assert!(matches!(try_it(ReferenceOptions { max_depth: 17, ..o }, &Watch::default()), RaycastError::Depth { .. }));
     let bad = MarchOptions { step: 0.0, ..MarchOptions::default() };
     assert_eq!(march_with_look(&d, &camera, &look, &bad, &Watch::default()), Err(RaycastError::Step(0.0)));
+    let stop = AtomicBool::new(true);
+    let stopped = Watch { progress: None, cancel: Some(&stop) };
+    assert_eq!(try_it(o, &stopped), RaycastError::Cancelled);
+    let marched = march_with_look(&d, &camera, &look, &MarchOptions::default(), &stopped);
+    assert_eq!(marched, Err(RaycastError::Cancelled));
 }

@@ -2,7 +2,9 @@
 //!
 //! `cargo run --release -p mcvr --example effects_table -- --data DIR --out DIR [--only table|timing|pictures|page] [--quick]`
 //! writes `effects.json` (all records), `effects.csv`, `effects.md` and pictures. DIR holds the lobster and the CT head of
-//! README's "Real scans". `--only` measures one part anew and keeps the records of the others. Truths are kept in
+//! README's "Real scans". `--only` measures one part anew and keeps the records of the others; `--resume` goes on with a
+//! table that was interrupted. `--side`, `--tolerance` and `--depth` say how large the table's images and how good its
+//! truths are. Truths are kept in
 //! `OUT/truths` and cast again only where the scene changed.
 #![allow(missing_docs, reason = "a program, not a library")]
 
@@ -31,15 +33,28 @@ pub struct Options {
     pub only: Option<String>,
     /// Small and few, to see whether everything runs.
     pub quick: bool,
+    /// Keep the rows of the table that there are.
+    pub resume: bool,
+    /// Pixels of a side of the table's images.
+    pub side: usize,
+    /// Error of the truth's pixels over their mean that is asked for.
+    pub tolerance: f64,
+    /// How often a pixel of a truth may be halved.
+    pub depth: u32,
 }
 
 impl Options {
     fn read() -> Outcome<Self> {
         let (mut data, mut out, mut program, mut only, mut quick) = (None, None, None, None, false);
+        let (mut resume, mut side, mut tolerance, mut depth) = (false, None, None, None);
         let mut arguments = std::env::args().skip(1);
         while let Some(name) = arguments.next() {
-            if name == "--quick" {
-                quick = true;
+            match name.as_str() {
+                "--quick" => quick = true,
+                "--resume" => resume = true,
+                _ => {}
+            }
+            if ["--quick", "--resume"].contains(&name.as_str()) {
                 continue;
             }
             let value = arguments.next().ok_or_else(|| format!("{name} needs a value"))?;
@@ -47,6 +62,9 @@ impl Options {
                 "--data" => data = Some(PathBuf::from(value)),
                 "--out" => out = Some(PathBuf::from(value)),
                 "--program" => program = Some(PathBuf::from(value)),
+                "--side" => side = Some(value.parse()?),
+                "--tolerance" => tolerance = Some(value.parse()?),
+                "--depth" => depth = Some(value.parse()?),
                 "--only" if PARTS.contains(&value.as_str()) => only = Some(value),
                 "--only" => return Err(format!("--only takes one of {}", PARTS.join(", ")).into()),
                 _ => {
@@ -63,6 +81,10 @@ impl Options {
             program: program.or_else(built).ok_or("--program FILE is missing")?,
             only,
             quick,
+            resume,
+            side: side.unwrap_or(if quick { 24 } else { table::SIDE }),
+            tolerance: tolerance.unwrap_or(if quick { 3e-2 } else { table::TOLERANCE }),
+            depth: depth.unwrap_or(table::DEPTH),
         })
     }
 
@@ -117,8 +139,8 @@ fn main() -> Outcome<()> {
         keep(&mut store, &options, "timing", records)?;
     }
     if options.wants("table") {
-        let records = table::measure(&options)?;
-        keep(&mut store, &options, "table", records)?;
+        let before = store.get("table").cloned().unwrap_or_default();
+        table::measure(&options, &before, |records| keep(&mut store, &options, "table", records))?;
     }
     page::write(&options.out, &store)
 }

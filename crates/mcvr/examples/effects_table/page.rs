@@ -49,10 +49,10 @@ pub fn write(out: &Path, store: &Map<String, Value>) -> Outcome<()> {
         gradients(&mut page, &part("timing")["gradients"])?;
         writeln!(page, "{}\n", circumstances(part("timing")))?;
     }
-    if store.contains_key("pictures") {
-        writeln!(page, "{}", PICTURES)?;
+    // What people saw in the pictures and the figures; no program writes it.
+    if let Ok(notes) = std::fs::read_to_string(out.join("notes.md")) {
+        page += &notes;
     }
-    writeln!(page, "{FINDINGS}")?;
     Ok(std::fs::write(out.join("effects.md"), page)?)
 }
 
@@ -245,6 +245,3 @@ columns and the whole, level by Šidák so that a false alarm anywhere in the ta
 smallest p over its level (below 1 fails). **Slope**: least squares of log RMSE over log samples, 2^12 to 2^20 by factors
 of 4, 8 replicates each, with its standard error (jackknife over replicates); -0.5 is expected of `mc`. **Error**: RMSE over the mean pixel. The `shell`
 kernel is left out: ray casting has no truth of it.";
-
-const PICTURES: &str = include_str!("pictures.md");
-const FINDINGS: &str = include_str!("findings.md");

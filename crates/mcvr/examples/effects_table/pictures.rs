@@ -5,8 +5,8 @@ use std::time::Instant;
 use mcvr::raycast::ReferenceOptions;
 use mcvr::scene::effects::{DepthColour, DepthCue, Shading, Sides, Unlisted};
 use mcvr::scene::film::{self, Tone};
-use mcvr::scene::{DensityMap, Effects, Estimand, Extent, Image, Kernel, Watch};
-use mcvr::volume::Volume;
+use mcvr::scene::{Camera, DensityMap, Effects, Estimand, Extent, Image, Kernel, Watch};
+use mcvr::volume::{Grid, Volume};
 use mcvr::{Method, Request, Scenery, make};
 use serde_json::{Value, json};
 
@@ -18,11 +18,13 @@ use crate::{Options, Outcome};
 const SIDE: usize = 400;
 /// White pixels between panels.
 const GAP: usize = 4;
+/// Levels of a channel above black: few, so that noisy files stay small.
+const LEVELS: f64 = 17.0;
 /// Tolerance of the ray-cast panels and how often a pixel may be halved: fine for the eye, not for figures.
 const TOLERANCE: f64 = 0.2;
 const DEPTH: u32 = 1;
 /// The surface of the lobster alone: isovalues between those of the resin and those of the meat.
-pub const SURFACE: [[f64; 2]; 4] = [[20.0, 0.0], [30.0, 20.0], [60.0, 20.0], [75.0, 0.0]];
+pub const SURFACE: [[f64; 2]; 4] = [[26.0, 0.0], [40.0, 20.0], [60.0, 20.0], [75.0, 0.0]];
 
 type Panel = [Image; 3];
 
@@ -65,7 +67,7 @@ fn write(options: &Options, name: &str, rows: &[Vec<Panel>]) -> Outcome<()> {
                 let rgb: [f64; 3] = std::array::from_fn(|k| (panel[k].values()[n] / top).max(0.0));
                 // As the library's tone: too bright pixels keep their hue. A square root brightens the dark, as displays expect.
                 let over = rgb.iter().copied().fold(1.0, f64::max);
-                let levels = rgb.map(|v| ((v / over).sqrt() * 255.0).round() as u8);
+                let levels = rgb.map(|v| ((v / over).sqrt() * LEVELS).round() as u8 * (255 / LEVELS as u8));
                 pixels[(r * (h + GAP) + n / w) * width + c * (w + GAP) + n % w] = levels;
             }
         }
@@ -76,6 +78,17 @@ fn write(options: &Options, name: &str, rows: &[Vec<Panel>]) -> Outcome<()> {
 fn lobster(volume: &Volume, map: DensityMap, effects: Effects) -> Outcome<Scenery> {
     let camera = scenes::camera(volume, scenes::VIEW, Some(18.0), SIDE)?;
     Ok(Scenery::new(volume.clone(), map, camera).with_effects(effects))
+}
+
+/// The image turned by half a turn: the head's slices run from top to bottom.
+fn upside_down(camera: &Camera, grid: &Grid) -> Outcome<Camera> {
+    let mut m = camera.world_to_pixel();
+    let extent = camera.extent();
+    let depth = m[2];
+    for (row, side) in m.iter_mut().zip([extent.width, extent.height]) {
+        row.iter_mut().zip(depth).for_each(|(v, z)| *v = side as f64 * z - *v);
+    }
+    Ok(Camera::from_matrix(m, extent, grid, Some(camera.near()))?)
 }
 
 /// Fewest samples of the fine panels: their noise is below what eyes see.
@@ -121,7 +134,7 @@ pub fn all(options: &Options) -> Outcome<Value> {
     write(options, "figure-4.png", &[row])?;
 
     let materials =
-        vec![material("shell", 30.0, Some(75.0), "#ff6a00", 1.0)?, material("meat", 75.0, None, "#ffffff", 0.35)?];
+        vec![material("shell", 35.0, Some(75.0), "#ff6a00", 1.0)?, material("meat", 75.0, None, "#ffffff", 0.35)?];
     let effects = Effects { materials, unlisted: Some(Unlisted::default()), ..Effects::default() };
     let scenery = lobster(&volume, DensityMap::default(), effects)?;
     let row = vec![drawn(&scenery, Method::Qmc, fine)?, cast(options, "materials lobster", &scenery)?];
@@ -129,12 +142,12 @@ pub fn all(options: &Options) -> Outcome<Value> {
 
     let volume = HEAD.load(&options.data)?;
     let materials = vec![
-        material("skin", 300.0, Some(850.0), "#ff9060", 1.5)?,
-        material("brain", 1000.0, Some(1130.0), "#4080ff", 0.25)?,
+        material("skin", 550.0, Some(900.0), "#ff9060", 2.0)?,
+        material("brain", 1000.0, Some(1130.0), "#4080ff", 0.2)?,
         material("bone", 1400.0, None, "#ffffff", 0.5)?,
     ];
     let effects = Effects { materials, unlisted: Some(Unlisted::default()), ..Effects::default() };
-    let camera = scenes::camera(&volume, [30.0, -15.0], Some(22.0), SIDE)?;
+    let camera = upside_down(&scenes::camera(&volume, [-60.0, -10.0], Some(22.0), SIDE)?, volume.grid())?;
     let scenery = Scenery::new(volume, DensityMap::default(), camera).with_effects(effects);
     let row = vec![drawn(&scenery, Method::Qmc, fine)?, cast(options, "materials head", &scenery)?];
     write(options, "materials-head.png", &[row])?;
@@ -143,4 +156,4 @@ pub fn all(options: &Options) -> Outcome<Value> {
 }
 
 /// The light of Figure 3: degrees around and above the volume's centre, and millimetres from it. A little beside the eye.
-const LIGHT: [f64; 3] = [0.0, 65.0, 170.0];
+const LIGHT: [f64; 3] = [-40.0, 55.0, 200.0];

@@ -140,6 +140,6 @@ pub fn largest_factor(scenery: &Scenery) -> Outcome<f64> {
 }
 
 /// Kernels that ray casting knows.
-pub const KERNELS: [scene::Kernel; 3] = [scene::Kernel::Box, scene::Kernel::Tent, scene::Kernel::Bspline3];
+pub const KERNELS: [scene::Kernel; 3] = [scene::Kernel::Tent, scene::Kernel::Box, scene::Kernel::Bspline3];
 /// Methods of the table.
 pub const METHODS: [mcvr::Method; 3] = [mcvr::Method::Mc, mcvr::Method::Stratified, mcvr::Method::Qmc];

@@ -17,9 +17,9 @@ use crate::{Options, Outcome};
 /// Pixels of a side of the table's images.
 pub const SIDE: usize = 32;
 /// Error of the truth's pixels over their mean that is asked for, and how often a pixel may be halved. Images of shaded
-/// surfaces have kinks everywhere: a truth good to 1e-3 takes a minute or more each.
-const TOLERANCE: f64 = 1e-2;
-const DEPTH: u32 = 4;
+/// surfaces have kinks everywhere: a truth good to 1e-3 takes minutes each.
+pub const TOLERANCE: f64 = 1e-2;
+pub const DEPTH: u32 = 2;
 /// Replicates and samples of the test.
 const REPLICATES: u64 = 32;
 const SAMPLES: u64 = 1 << 16;
@@ -123,8 +123,8 @@ fn share(scenery: &Scenery, kernel: Kernel) -> Outcome<Image> {
 fn rows<'a>(options: &Options, scenery: &Scenery, effect: &'a Effect, kernel: Kernel) -> Outcome<Vec<Row<'a>>> {
     let (levels, last) = if options.quick { (12..=16, 18) } else { (12..=20, 22) };
     let start = Instant::now();
-    let tolerance = if options.quick { 3e-2 } else { TOLERANCE };
-    let reference = ReferenceOptions { estimand: Estimand::Line, kernel, tolerance, max_depth: DEPTH };
+    let reference =
+        ReferenceOptions { estimand: Estimand::Line, kernel, tolerance: options.tolerance, max_depth: options.depth };
     let truth = truth(&options.out.join("truths"), &format!("{} {kernel}", effect.name), scenery, &reference)?;
     let own = truth.own_error();
     println!("{}, {kernel}: truth good to {own:.1e}, {:.1} s", effect.name, start.elapsed().as_secs_f64());
@@ -174,16 +174,31 @@ fn rows<'a>(options: &Options, scenery: &Scenery, effect: &'a Effect, kernel: Ke
         .collect()
 }
 
-pub fn measure(options: &Options) -> Outcome<Value> {
+/// Measures all rows, or those that `before` lacks; hands the rows so far to `keep` after every effect.
+pub fn measure(options: &Options, before: &Value, mut keep: impl FnMut(Value) -> Outcome<()>) -> Outcome<()> {
     let volume = LOBSTER.load(&options.data)?;
     let effects = scenes::effects()?;
-    let side = if options.quick { 24 } else { SIDE };
-    let mut all = vec![];
+    let settings = json!({ "side": options.side, "tolerance": options.tolerance, "depth": options.depth });
+    let same = |key: &str| before[key] == settings[key];
+    let resumable = options.resume && ["side", "tolerance", "depth"].into_iter().all(same);
+    let mut all: Vec<Value> = match before["rows"].as_array() {
+        Some(rows) if resumable => rows.clone(),
+        _ => vec![],
+    };
     for kernel in KERNELS {
         for effect in &effects {
-            let scenery = scenes::scenery(&volume, effect, side)?;
-            all.extend(rows(options, &scenery, effect, kernel)?);
+            let (name, kernel_name) = (json!(effect.name), json!(kernel));
+            if all.iter().any(|r| r["effect"] == name && r["kernel"] == kernel_name) {
+                continue;
+            }
+            let scenery = scenes::scenery(&volume, effect, options.side)?;
+            for row in rows(options, &scenery, effect, kernel)? {
+                all.push(serde_json::to_value(row)?);
+            }
+            let mut records = settings.clone();
+            records["rows"] = json!(all);
+            keep(records)?;
         }
     }
-    Ok(json!({ "rows": all, "side": side, "tolerance": if options.quick { 3e-2 } else { TOLERANCE }, "depth": DEPTH }))
+    Ok(())
 }

@@ -6,12 +6,12 @@ use std::time::Instant;
 use mcvr::qmc::{Scramble, SobolNet};
 use mcvr::sampling::{Distribution, GradientSource, RenderOptions, VoxelOrder, render_look};
 use mcvr::scene::effects::{Shading, Sides};
-use mcvr::scene::{Density, Effects, Kernel, Watch};
+use mcvr::scene::{Density, DensityMap, Effects, Kernel, Watch};
 use mcvr::volume::Volume;
 use mcvr::{Method, Request, Scenery, make};
 use serde_json::{Value, json};
 
-use crate::scenes::{self, HEAD, LOBSTER, Scan};
+use crate::scenes::{self, HEAD, LOBSTER};
 use crate::timing::{median, on_threads, thread_counts};
 use crate::{Options, Outcome};
 
@@ -114,12 +114,11 @@ fn hit(density: &Density, samples: u64) -> f64 {
 pub fn gradients(options: &Options) -> Outcome<Value> {
     let top = if options.quick { 20 } else { 25 };
     let mut rows = vec![];
-    let scans: [(&str, &Scan, [f64; 2], Option<&[[f64; 2]]>); 2] =
-        [("lobster", &LOBSTER, scenes::VIEW, Some(&scenes::NO_RESIN)), ("head", &HEAD, [30.0, 20.0], None)];
+    let no_resin = scenes::piecewise(&scenes::NO_RESIN, None);
+    let scans = [("lobster", LOBSTER, scenes::VIEW, no_resin), ("head", HEAD, [30.0, 20.0], DensityMap::default())];
     for (name, scan, view, map) in scans {
         let volume = scan.load(&options.data)?;
         let camera = scenes::camera(&volume, view, None, SIDE)?;
-        let map = map.map_or_else(Default::default, |points| scenes::piecewise(points, None));
         let density = Density::new(&volume, map)?;
         let look = shaded().look(volume.grid(), &camera)?;
         let order = VoxelOrder::default().resolve(&camera, volume.grid());

@@ -62,8 +62,8 @@ fn table(page: &mut String, table: &Value, timing: &Value) -> Outcome<()> {
     writeln!(page, "## The table\n\n{passed} of {} comparisons agree. {}\n", all.len(), circumstances(table))?;
     writeln!(
         page,
-        "Images of {0}×{0} pixels for tests, slopes and errors. Truths: asked for {1} of the mean pixel, pixels halved at \
-         most {2} times; what each is good to by its own estimate is in the first column. An error or slope against a truth that \
+        "Images of {0}×{0} pixels for tests, slopes and errors. Truths: asked for {1} of the mean pixel (five times \
+         that under other kernels than `tent`), pixels halved at most {2} times; what each is good to by its own estimate is in the first column. An error or slope against a truth that \
          is not ten times as good would mean nothing: those marked * are taken from the spread of the replicates \
          instead, which the test shows to be unbiased at 2^16 samples.\n",
         table["side"], table["tolerance"], table["depth"]

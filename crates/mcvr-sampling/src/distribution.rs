@@ -73,7 +73,7 @@ impl<'a> Distribution<'a> {
         camera: &Camera,
         kernel: Kernel,
     ) -> Result<Self, SamplingError> {
-        Self::of(density, order, Some(&Frustum::new(camera, density.volume().grid(), kernel)))
+        Self::of(density, order, Frustum::cutting(camera, density.volume().grid(), kernel).as_ref())
     }
 
     fn of(density: &'a Density, order: VoxelOrder, frustum: Option<&Frustum>) -> Result<Self, SamplingError> {
@@ -124,7 +124,7 @@ impl<'a> Distribution<'a> {
         view: Option<(&Camera, Kernel)>,
     ) -> Result<(DistributionCounters, u64), SamplingError> {
         let layout = AnyLayout::new(order, grid.dims())?;
-        let frustum = view.map(|(camera, kernel)| Frustum::new(camera, grid, kernel));
+        let frustum = view.and_then(|(camera, kernel)| Frustum::cutting(camera, grid, kernel));
         let mut counters = DistributionCounters::default();
         let mut seen = 0;
         with_layout!(&layout, l => {

@@ -28,7 +28,13 @@ pub(crate) struct Frustum {
 }
 
 impl Frustum {
-    pub(crate) fn new(camera: &Camera, grid: &Grid, kernel: Kernel) -> Self {
+    /// `None` where the camera sees all of the grid, so that no brick needs a look of its own.
+    pub(crate) fn cutting(camera: &Camera, grid: &Grid, kernel: Kernel) -> Option<Self> {
+        let frustum = Self::new(camera, grid, kernel);
+        (!frustum.holds([0; 3], grid.dims().map(|n| (n - 1) as u32))).then_some(frustum)
+    }
+
+    fn new(camera: &Camera, grid: &Grid, kernel: Kernel) -> Self {
         let to_world = grid.index_to_world();
         let rows = camera.world_to_pixel().map(DVec4::from_array);
         // A homogeneous pixel coordinate as a function of the voxel index.
@@ -43,11 +49,22 @@ impl Frustum {
         Self { sides, near, reach: kernel.support() }
     }
 
-    /// What is seen of the samples of the voxels from `low` to `high`, both included.
-    pub(crate) fn see(&self, low: [u32; 3], high: [u32; 3]) -> Sight {
+    /// Middle and half extents of the box of all samples of some voxels.
+    fn reach(&self, low: [u32; 3], high: [u32; 3]) -> (DVec3, DVec3) {
         let low = DVec3::from_array(low.map(f64::from));
         let high = DVec3::from_array(high.map(f64::from));
-        let (middle, half) = ((low + high) * 0.5, (high - low) * 0.5 + self.reach);
+        ((low + high) * 0.5, (high - low) * 0.5 + self.reach)
+    }
+
+    /// True when every sample of the voxels from `low` to `high`, both included, is seen.
+    fn holds(&self, low: [u32; 3], high: [u32; 3]) -> bool {
+        let (middle, half) = self.reach(low, high);
+        self.near.iter().chain(&self.sides).all(|(a, b)| a.dot(middle) + b - a.abs().dot(half) >= 0.0)
+    }
+
+    /// What is seen of the samples of the voxels from `low` to `high`, both included.
+    pub(crate) fn see(&self, low: [u32; 3], high: [u32; 3]) -> Sight {
+        let (middle, half) = self.reach(low, high);
         let outside = |(a, b): &(DVec3, f64)| {
             // Rounding of the sums is far below 1e-9 of their terms.
             let size = a.abs().dot(middle.abs() + half) + b.abs();
@@ -96,6 +113,10 @@ mod tests {
                 Sight::Near => prop_assert!(!ahead),
                 Sight::Beside => prop_assert!(!inside),
             }
+            if frustum.holds(low, high) {
+                prop_assert!(ahead && (-1.0..=65.0).contains(&px) && (-1.0..=49.0).contains(&py));
+                prop_assert_eq!(frustum.see(low, high), Sight::Seen);
+            }
         }
     }
 
@@ -110,6 +131,12 @@ mod tests {
             corners.filter(|low| frustum.see(*low, low.map(|v| v + 7)) == Sight::Seen).count()
         };
         assert_eq!(seen(None), 512);
+        let extent = Extent::new(64, 64).expect("a size");
+        let cutting = |fov| {
+            let camera = Camera::look(&View { fov, ..View::default() }, &grid, extent).expect("a camera");
+            Frustum::cutting(&camera, &grid, Kernel::Tent).is_some()
+        };
+        assert!(!cutting(None) && cutting(Some(4.0)));
         // The pyramid is 15 voxels wide at the centre; boxes of 10 with their kernels, turned, add about 13: a tube of
         // 28 x 28 x 77 voxels is 118 boxes.
         let close = seen(Some(4.0));

@@ -1,5 +1,6 @@
 //! One image from one request, whatever the method.
 
+use std::borrow::Cow;
 use std::time::Instant;
 
 use mcvr_harness::PhaseSeconds;
@@ -112,10 +113,10 @@ impl Made {
     ///
     /// # Errors
     /// [`SceneError::Image`] when three channels have more pixels than an image can have.
-    pub fn measurable(self) -> Result<Image, SceneError> {
+    pub fn measurable(&self) -> Result<Cow<'_, Image>, SceneError> {
         match &self.colour {
-            Some(channels) => Image::stacked(channels),
-            None => Ok(self.image),
+            Some(channels) => Image::stacked(channels).map(Cow::Owned),
+            None => Ok(Cow::Borrowed(&self.image)),
         }
     }
 }

@@ -38,9 +38,8 @@ impl mcvr_harness::Method for Measured<'_> {
     fn render(&self, samples: u64, seed: u64) -> Result<Rendered, MethodError> {
         let request = Request { samples, seed, ..self.request };
         let made = make(self.scenery, &request, &Watch { progress: None, cancel: self.cancel })?;
-        let (seconds, counters) = (made.seconds, made.counters.clone());
-        let image = made.measurable()?;
-        Ok(Rendered { image, seconds, counters })
+        let image = made.measurable()?.into_owned();
+        Ok(Rendered { image, seconds: made.seconds, counters: made.counters })
     }
 
     fn budget_unit(&self) -> &'static str {

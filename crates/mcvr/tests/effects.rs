@@ -28,7 +28,7 @@ fn stack(channels: &[Image]) -> Image {
 
 /// The channels of a scenery's image, one below the other.
 fn picture(scenery: &Scenery, request: &Request) -> Image {
-    made(scenery, request).measurable().unwrap()
+    made(scenery, request).measurable().unwrap().into_owned()
 }
 
 fn replicates(scenery: &Scenery, request: Request) -> Vec<Image> {
@@ -48,15 +48,10 @@ fn cast(scenery: &Scenery, kernel: Kernel, estimand: Estimand, tolerance: f64) -
 }
 
 /// Largest factor that a sample of the scenery can carry.
-fn largest_factor(scenery: &Scenery) -> f64 {
+fn largest_factor(scenery: &Scenery, kernel: Kernel) -> f64 {
     let grid = scenery.volume.grid();
     let look = scenery.effects.look(grid, &scenery.camera).unwrap();
-    let nearest = |light: glam::DVec3| {
-        // The distance to the sphere around all samples is at most that to the volume.
-        ((light - grid.centre()).length() - 0.5 * grid.diameter() - 2.0 * grid.spacing().length()).max(0.0)
-    };
-    let cue = look.cue_minimum.map_or(1.0, |m| 1.0 / nearest(look.light.unwrap()).max(m));
-    cue * look.tint.into_iter().fold(0.0, f64::max)
+    look.largest_cue(grid, kernel) * look.tint.into_iter().fold(0.0, f64::max)
 }
 
 /// The truth of a scenery. A sum of samples with factors of at most 1 is worth at least as many whole samples as the factors
@@ -64,7 +59,7 @@ fn largest_factor(scenery: &Scenery) -> f64 {
 fn truth(scenery: &Scenery, kernel: Kernel, estimand: Estimand) -> Truth {
     let (image, error) = cast(scenery, kernel, estimand, TOLERANCE);
     let (mut share, _) = cast(scenery, kernel, Estimand::Count, 5e-2);
-    let largest = largest_factor(scenery);
+    let largest = largest_factor(scenery, kernel);
     share.values_mut().iter_mut().for_each(|v| *v /= largest);
     Truth { image, error, share }
 }
@@ -118,6 +113,20 @@ fn close_up() -> View {
 
 fn scenery(effects: &Effects) -> Scenery {
     speckled_scene(&close_up()).with_effects(effects.clone())
+}
+
+/// The strategies that draw the same samples in other ways, under all effects at once.
+#[test]
+fn every_sampler_agrees_with_ray_casting_under_all_effects() {
+    let (name, effects) = every_effect().pop().unwrap();
+    let scenery = scenery(&effects);
+    for estimand in Estimand::ALL {
+        let truth = truth(&scenery, Kernel::Tent, estimand);
+        for method in [Method::McQuicksort, Method::McBinary, Method::McLinear] {
+            let request = Request { method, estimand, samples: SAMPLES / 4, ..Request::default() };
+            compare(format!("{name}, {method} {estimand}"), &scenery, &truth, request).hold();
+        }
+    }
 }
 
 fn compare(label: String, scenery: &Scenery, truth: &Truth, request: Request) -> Agreement {
@@ -233,14 +242,14 @@ fn errors_of_shaded_images_fall_as_fast_as_those_of_plain_ones() {
         let logs: Vec<f64> = levels
             .clone()
             .map(|level| {
-                let errors: Vec<f64> = (0..16)
+                let errors: Vec<f64> = (0..REPLICATES)
                     .map(|seed| {
                         let request = Request { method, samples: 1 << level, seed, ..Request::default() };
                         let image = picture(&scenery, &request);
                         (rms(&image.difference(&truth).unwrap()) / truth.mean()).powi(2)
                     })
                     .collect();
-                (errors.iter().sum::<f64>() / 16.0).sqrt()
+                (errors.iter().sum::<f64>() / REPLICATES as f64).sqrt()
             })
             .take_while(|error| *error > 10.0 * own)
             .map(f64::log2)

@@ -53,22 +53,7 @@ impl Light {
         let to_world = grid.index_to_world().matrix3;
         let metric = to_world.transpose() * to_world;
         let at = grid.world_to_index().transform_point3(position);
-        let (minimum, largest_cue) = match look.cue_minimum {
-            Some(minimum) => {
-                // A lower bound of the distance to the box of all samples: the sides' extents along their normals.
-                let dims = DVec3::from_array(grid.dims().map(|n| n as f64));
-                let reach = kernel.support();
-                let low = DVec3::splat(-reach);
-                let high = dims - 1.0 + reach;
-                let beyond = (low - at).max(at - high).max(DVec3::ZERO);
-                let inverse = to_world.inverse();
-                // The distance between planes one index apart is 1 / |row of the inverse|.
-                let rows = [inverse.row(0), inverse.row(1), inverse.row(2)];
-                let nearest = (0..3).map(|a| beyond[a] / rows[a].length()).fold(0.0, f64::max);
-                (minimum, (1.0 + 1e-9) / nearest.max(minimum))
-            }
-            None => (0.0, 1.0),
-        };
+        let (minimum, largest_cue) = (look.cue_minimum.unwrap_or(0.0), look.largest_cue(grid, kernel));
         Some(Self { at: at.to_array(), length: form(metric), slope: form(metric.inverse()), minimum, largest_cue })
     }
 

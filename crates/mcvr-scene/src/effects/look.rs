@@ -5,7 +5,7 @@ use mcvr_volume::Grid;
 use serde::Serialize;
 
 use super::{Effects, Sides};
-use crate::{Camera, SceneError};
+use crate::{Camera, Kernel, SceneError};
 
 /// Colours by isovalue: half-open ranges in rising order, and the colour elsewhere.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -155,6 +155,20 @@ impl Look {
         1.0 / (self.light.unwrap_or(DVec3::ZERO) - x).length().max(minimum)
     }
 
+    /// A bound that no sample's depth cue exceeds, in 1/mm: from the distance between the light and the box of all samples of a
+    /// grid under a kernel. 1 without a depth cue.
+    pub fn largest_cue(&self, grid: &Grid, kernel: Kernel) -> f64 {
+        let (Some(minimum), Some(light)) = (self.cue_minimum, self.light) else { return 1.0 };
+        let at = grid.world_to_index().transform_point3(light);
+        let low = DVec3::splat(-kernel.support());
+        let high = DVec3::from_array(grid.dims().map(|n| n as f64)) - 1.0 + kernel.support();
+        let beyond = (low - at).max(at - high).max(DVec3::ZERO);
+        // Planes one index apart are 1 / |row of the map to indices| mm apart; the farthest pair of sides bounds the distance.
+        let to_index = grid.world_to_index().matrix3;
+        let nearest = (0..3).map(|a| beyond[a] / to_index.row(a).length()).fold(0.0, f64::max);
+        (1.0 + 1e-9) / nearest.max(minimum)
+    }
+
     /// Factor of each channel at a world position (mm) of known depth (mm), without palette and tint; with one channel all
     /// three are equal. `gradient` is called only when shading is on.
     pub fn factor(&self, x: DVec3, depth: f64, gradient: impl FnOnce() -> DVec3) -> [f64; 3] {
@@ -208,6 +222,22 @@ mod tests {
         assert_eq!(at(DVec3::ZERO, DVec3::ZERO), 0.0);
         assert_eq!(at(DVec3::NEG_Z, DVec3::new(0.0, 0.0, 9.0)), 0.25);
         assert_eq!(at(DVec3::NEG_Z, DVec3::new(0.0, 0.0, 10.0)), 0.0);
+    }
+
+    #[test]
+    fn no_sample_has_a_larger_cue_than_the_bound() {
+        let turn = glam::DMat3::from_rotation_z(0.7) * glam::DMat3::from_rotation_x(0.4);
+        let grid = Grid::new([9, 7, 5], DVec3::new(0.5, 1.0, 2.0), DVec3::new(3.0, -2.0, 1.0), turn).unwrap();
+        let bounds = |light: DVec3| {
+            let look = Look { light: Some(light), cue_minimum: Some(0.5), ..Look::plain() };
+            let at_corners = grid.corners(1.0).into_iter().map(|x| look.cue(0.5, x)).fold(0.0, f64::max);
+            (at_corners, look.largest_cue(&grid, Kernel::Tent))
+        };
+        // From outside a corner is not far behind the nearest point of the box; within it nothing bounds but the minimum.
+        let (largest, bound) = bounds(DVec3::new(40.0, 3.0, 1.0));
+        assert!(largest <= bound && largest > 0.3 * bound, "{largest} {bound}");
+        assert_eq!(bounds(grid.centre()).1, (1.0 + 1e-9) / 0.5);
+        assert_eq!(Look::plain().largest_cue(&grid, Kernel::Tent), 1.0);
     }
 
     #[test]

@@ -129,14 +129,10 @@ pub fn scenery(volume: &Volume, effect: &Effect, side: usize) -> Outcome<Scenery
 }
 
 /// Largest factor that a sample of the scenery can carry, its colour included.
-pub fn largest_factor(scenery: &Scenery) -> Outcome<f64> {
+pub fn largest_factor(scenery: &Scenery, kernel: scene::Kernel) -> Outcome<f64> {
     let grid = scenery.volume.grid();
     let look = scenery.effects.look(grid, &scenery.camera)?;
-    let nearest = look.light.map_or(0.0, |light| {
-        ((light - grid.centre()).length() - 0.5 * grid.diameter() - 2.0 * grid.spacing().length()).max(0.0)
-    });
-    let cue = look.cue_minimum.map_or(1.0, |m| 1.0 / nearest.max(m));
-    Ok(cue * look.tint.into_iter().fold(0.0, f64::max))
+    Ok(look.largest_cue(grid, kernel) * look.tint.into_iter().fold(0.0, f64::max))
 }
 
 /// Kernels that ray casting knows.

@@ -47,7 +47,7 @@ fn images(scenery: &Scenery, request: Request, number: u64) -> Outcome<Vec<Image
     let key = (request.method as u64) << 8 | (request.kernel as u64) << 4 | request.samples.ilog2() as u64;
     let one = |r| -> Outcome<Image> {
         let seed = (key + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(r);
-        Ok(make(scenery, &Request { seed, ..request }, &Watch::default())?.measurable()?)
+        Ok(make(scenery, &Request { seed, ..request }, &Watch::default())?.measurable()?.into_owned())
     };
     (0..number).into_par_iter().map(one).collect()
 }
@@ -116,8 +116,8 @@ struct Row<'a> {
 /// The share of samples by value: the `count` image over the largest factor.
 fn share(scenery: &Scenery, kernel: Kernel) -> Outcome<Image> {
     let request = Request { kernel, estimand: Estimand::Count, samples: 1 << 22, seed: 77, ..Request::default() };
-    let mut share = make(scenery, &request, &Watch::default())?.measurable()?;
-    let largest = scenes::largest_factor(scenery)?;
+    let mut share = make(scenery, &request, &Watch::default())?.measurable()?.into_owned();
+    let largest = scenes::largest_factor(scenery, kernel)?;
     share.values_mut().iter_mut().for_each(|v| *v /= largest);
     Ok(share)
 }

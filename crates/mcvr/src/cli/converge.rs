@@ -220,7 +220,7 @@ fn truth(setup: &Setup, mass: f64, out: &Path, cancel: &AtomicBool, quiet: bool)
     };
     let rel_error_estimate = made.error.context("the reference states no error")?;
     let seconds = made.seconds.projection;
-    let measurable = made.clone().measurable()?;
+    let measurable = made.measurable()?.into_owned();
     film::write(&measurable, &image, film::ImageFormat::Npy, &film::Tone::default())?;
     write_json(
         &record,

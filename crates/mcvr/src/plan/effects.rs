@@ -4,6 +4,18 @@ use mcvr_scene::Look;
 
 use super::{Forecast, LeftOut, Pass, grouped};
 
+/// How often each counter of an effect counts for one sample in the image.
+pub(super) fn per_sample(look: &Look) -> [(&'static str, u64); 5] {
+    let on = |effect: bool| u64::from(effect);
+    [
+        ("gradients", on(look.shading.is_some())),
+        ("gradient_reads", 32 * on(look.shading.is_some())),
+        ("depth_cues", on(look.cue_minimum.is_some())),
+        ("voxel_colours", on(look.palette.is_some())),
+        ("depth_colours", on(look.ramp.is_some())),
+    ]
+}
+
 /// Adds a pass for each effect that the look has, and says of the others why they are absent. `inside` is the number of
 /// samples in the image, to which alone effects are applied.
 pub(super) fn effects(
@@ -13,13 +25,14 @@ pub(super) fn effects(
     passes: &mut Vec<Pass>,
     left_out: &mut Vec<LeftOut>,
 ) {
-    let per_sample = |counter: &str, each: u64| Forecast::between(counter, each * inside.0, each * inside.1);
-    let mut effect = |on: bool, name: &'static str, key: &str, why: String, reads: &str, work: Vec<(&str, u64)>| {
+    let each = per_sample(look);
+    let mut effect = |on: bool, name: &'static str, key: &str, why: String, reads: &str, counters: &[&str]| {
+        let work = each.iter().filter(|(counter, _)| counters.contains(counter));
+        let work =
+            work.map(|(c, each)| Forecast::between(&format!("render.{c}"), each * inside.0, each * inside.1)).collect();
         if on {
-            let work = work.iter().map(|(counter, each)| per_sample(counter, *each)).collect();
             passes.push(Pass { name, why, reads: reads.to_owned(), holds: 0, work });
         } else {
-            let work = work.iter().map(|(counter, _)| Forecast::exact(counter, 0)).collect();
             left_out.push(LeftOut { name, why: format!("no {key}"), work });
         }
     };
@@ -29,7 +42,7 @@ pub(super) fn effects(
         "effects.shading",
         look.shading.map_or_else(String::new, |s| format!("effects.shading, {s:?}-sided").to_lowercase()),
         "32 voxels around each sample in the image",
-        vec![("render.gradients", 1), ("render.gradient_reads", 32)],
+        &["gradients", "gradient_reads"],
     );
     effect(
         look.cue_minimum.is_some(),
@@ -37,7 +50,7 @@ pub(super) fn effects(
         "effects.depth-cue",
         look.cue_minimum.map_or_else(String::new, |m| format!("effects.depth-cue, at least {m:.4} mm from the light")),
         "positions",
-        vec![("render.depth_cues", 1)],
+        &["depth_cues"],
     );
     effect(
         look.palette.is_some(),
@@ -45,7 +58,7 @@ pub(super) fn effects(
         "effects.materials",
         "effects.materials".to_owned(),
         "the drawn voxel of each sample in the image",
-        vec![("render.voxel_colours", 1)],
+        &["voxel_colours"],
     );
     effect(
         look.ramp.is_some(),
@@ -55,7 +68,7 @@ pub(super) fn effects(
             .as_ref()
             .map_or_else(String::new, |r| format!("effects.depth-colour, {:.4}..{:.4} mm", r.range()[0], r.range()[1])),
         "positions",
-        vec![("render.depth_colours", 1)],
+        &["depth_colours"],
     );
     left_out.push(LeftOut {
         name: "gradient field",

@@ -4,6 +4,7 @@ use mcvr_scene::film::Film;
 use mcvr_scene::{Look, Watch};
 use serde_json::json;
 
+use super::effects::per_sample;
 use super::sampled::{draws, sampled, weight_bytes};
 use super::{Forecast, LeftOut, Pass, Plan, film_pass, grouped};
 use crate::{MakeError, Method, Request, Scenery};
@@ -98,7 +99,7 @@ fn cast(scenery: &Scenery, request: &Request, look: &Look, passes: &mut Vec<Pass
 }
 
 impl Plan {
-    /// Draws the points, without making the image, and so turns the ranges that depend on the draws into numbers. Ray
+    /// Draws the points, as a plain count without the effects, and so turns the ranges that depend on the draws into numbers. Ray
     /// casting has no draws; its plan stays as it is.
     ///
     /// # Errors
@@ -115,13 +116,7 @@ impl Plan {
         // What the bare image did not do follows from the samples in it.
         let render = &mut counters["render"];
         render["line_weights"] = json!(if line { samples } else { 0 });
-        for (counter, each) in [
-            ("gradients", u64::from(look.shading.is_some())),
-            ("gradient_reads", 32 * u64::from(look.shading.is_some())),
-            ("depth_cues", u64::from(look.cue_minimum.is_some())),
-            ("voxel_colours", u64::from(look.palette.is_some())),
-            ("depth_colours", u64::from(look.ramp.is_some())),
-        ] {
+        for (counter, each) in per_sample(&look) {
             render[counter] = json!(each * inside);
         }
         self.narrow(&counters);

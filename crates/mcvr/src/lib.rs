@@ -24,6 +24,7 @@ pub use mcvr_volume as volume;
 
 mod cloud;
 mod cloud_file;
+pub mod hardcases;
 mod make;
 mod measured;
 mod method;

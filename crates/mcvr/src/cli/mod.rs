@@ -4,6 +4,7 @@ mod args;
 mod compare;
 mod converge;
 mod effect_args;
+mod hardcases;
 mod info;
 mod numbers;
 mod orbit;
@@ -71,6 +72,8 @@ enum Command {
     Compare(compare::Args),
     /// Describe a volume file
     Info(info::Args),
+    /// Pose the hard cases: where such programs break, measured beside its bound
+    Hardcases(hardcases::Args),
     /// Print the JSON Schema of scene files
     Schema(schema::Args),
 }
@@ -106,6 +109,7 @@ pub fn run() -> ExitCode {
         Some(Command::Converge(args)) => converge::run(&args, cli.quiet),
         Some(Command::Compare(args)) => compare::run(&args),
         Some(Command::Info(args)) => info::run(&args),
+        Some(Command::Hardcases(args)) => hardcases::run(&args, cli.quiet),
         Some(Command::Schema(args)) => schema::run(&args),
     };
     match outcome {

@@ -1,0 +1,5 @@
+//! Effects.
+
+use super::Case;
+
+pub(super) const CASES: &[Case] = &[];

@@ -1,0 +1,5 @@
+//! Files.
+
+use super::Case;
+
+pub(super) const CASES: &[Case] = &[];

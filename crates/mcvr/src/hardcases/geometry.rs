@@ -1,0 +1,5 @@
+//! Geometry.
+
+use super::Case;
+
+pub(super) const CASES: &[Case] = &[];

@@ -1,0 +1,5 @@
+//! Running.
+
+use super::Case;
+
+pub(super) const CASES: &[Case] = &[];

@@ -1,0 +1,5 @@
+//! Scale.
+
+use super::Case;
+
+pub(super) const CASES: &[Case] = &[];

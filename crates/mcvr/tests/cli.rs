@@ -276,3 +276,18 @@ fn without_culling_a_zoomed_image_is_that_of_a_cloud_by_flag_and_by_scene() {
     assert_eq!(bytes("cloud.npy"), bytes("scene.npy"));
     assert_ne!(bytes("cloud.npy"), bytes("culled.npy"));
 }
+
+#[test]
+fn hard_cases_are_listed_posed_and_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let list = String::from_utf8(ok(folder.path(), &["hardcases", "--list", "--all"]).stdout).unwrap();
+    assert!(list.lines().count() >= 80 && list.contains("all-zero"), "{list}");
+    let record = json(&ok(folder.path(), &["hardcases", "--json", "all-zero"]).stdout);
+    assert_eq!(record["cases"][0]["outcome"]["verdict"], "pass");
+    ok(folder.path(), &["hardcases", "--markdown", "--group", "distributions", "all-zero", "-o", "t.md"]);
+    let table = std::fs::read_to_string(folder.path().join("t.md")).unwrap();
+    assert!(table.contains("| all-zero |") && table.contains("| pass |"), "{table}");
+    let none = mcvr(folder.path(), &["hardcases", "no-such-case"]);
+    assert_eq!(none.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&none.stderr).contains("no case matches"));
+}

@@ -221,3 +221,52 @@ fn record(outcomes: &[Posed<'_>], left_out: usize) -> Value {
         "cases": cases,
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use mcvr::hardcases::{Bound, Finding};
+
+    fn posed(finding: Result<Finding, &str>, verdict: Verdict) -> Posed<'static> {
+        let case = hardcases::catalogue().next().expect("a case");
+        let error = finding.as_ref().err().map(ToString::to_string);
+        (case, Outcome { finding: finding.ok(), verdict, error, seconds: 0.5 })
+    }
+
+    fn three() -> [Posed<'static>; 3] {
+        [
+            posed(Ok(Finding::new(0.25, "mm", Bound::AtMost(0.5)).with("a | b")), Verdict::Pass),
+            posed(Ok(Finding::wrong(3, 10, "draws")), Verdict::Fail),
+            posed(Err("no disk"), Verdict::Skip),
+        ]
+    }
+
+    #[test]
+    fn a_table_for_people_says_what_was_measured_and_what_failed() {
+        let text = plain(&three(), 2);
+        assert!(text.contains("pass all-zero: 0.250 mm [≤ 0.500], 0.50 s"), "{text}");
+        assert!(text.contains("FAIL all-zero: 3 wrong of 10 draws [≤ 0]"), "{text}");
+        assert!(text.contains("skip all-zero: no disk, 0.50 s"), "{text}");
+        assert!(
+            text.ends_with("3 cases, 1 passed, 1 failed, 1 skipped, 2 s (2 large cases left out; --all runs them)\n")
+        );
+    }
+
+    #[test]
+    fn a_table_in_markdown_keeps_its_columns() {
+        let text = markdown(&three(), 0);
+        let rows: Vec<&str> = text.lines().filter(|l| l.starts_with("| all-zero")).collect();
+        assert_eq!(rows.len(), 3);
+        for row in rows {
+            assert_eq!(row.replace("\\|", "").matches('|').count(), 7, "{row}");
+        }
+    }
+
+    #[test]
+    fn a_record_holds_every_figure() {
+        let record = record(&three(), 0);
+        assert_eq!(record["cases"][0]["outcome"]["finding"]["measured"], 0.25);
+        assert_eq!(record["cases"][1]["outcome"]["verdict"], "fail");
+        assert_eq!(record["cases"][2]["outcome"]["error"], "no disk");
+    }
+}

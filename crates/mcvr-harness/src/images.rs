@@ -90,7 +90,7 @@ impl<'a> Pictures<'a> {
 /// Value of full red in difference maps: twice the truth's mean absolute pixel. It depends on the truth alone, so that
 /// the maps of all methods and sample counts compare; and it is of the size of the errors that occur, so that they show.
 pub fn difference_scale(truth: &Image) -> f64 {
-    2.0 * crate::metrics::sum(truth.values().iter().map(|v| v.abs())) / truth.values().len() as f64
+    2.0 * crate::metrics::mean(|| truth.values().iter().map(|v| v.abs()))
 }
 
 /// Writes `test − reference` as colours: blue below, white at zero, red above; full colour at ±`scale`.

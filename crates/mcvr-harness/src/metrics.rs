@@ -37,10 +37,13 @@ pub struct Comparison {
 
 impl Comparison {
     /// Compares two images of the same size. All sums are compensated (Neumaier 1974), and squares are taken
-    /// of differences, in a second pass where a mean is subtracted, so nothing cancels.
+    /// of differences, in a second pass where a mean is subtracted, so nothing cancels; terms are first scaled by a power
+    /// of two, so that no square overflows or vanishes: images times 2^k have the same relative figures, bit for bit, as
+    /// long as no pixel leaves the range of normal numbers.
     ///
     /// # Errors
-    /// [`HarnessError::Comparison`] when the sizes differ or a pixel is not finite.
+    /// [`HarnessError::Comparison`] when the sizes differ, a pixel is not finite, or two pixels are further apart than
+    /// any number.
     pub fn of(test: &Image, reference: &Image) -> Result<Self, HarnessError> {
         if test.extent() != reference.extent() {
             return Err(HarnessError::Comparison(format!(
@@ -62,11 +65,17 @@ impl Comparison {
         }
         let n = test.values().len() as f64;
         let d = || test.values().iter().zip(reference.values()).map(|(t, r)| t - r);
-        let reference_mean = sum(reference.values().iter().copied()) / n;
+        let largest = d().fold(0.0, |m: f64, d| m.max(d.abs()));
+        if !largest.is_finite() {
+            return Err(HarnessError::Comparison("two pixels differ by more than any 64-bit number".to_owned()));
+        }
+        let reference_mean = mean(|| reference.values().iter().copied());
         let reference_peak = reference.values().iter().fold(0.0, |m: f64, v| m.max(v.abs()));
-        let rmse = (sum(d().map(|d| d * d)) / n).sqrt();
-        let shift = sum(d()) / n;
-        let shift_se = (n > 1.0).then(|| (sum(d().map(|d| (d - shift).powi(2))) / (n * (n - 1.0))).sqrt());
+        let down = down(largest);
+        let rmse = (sum(d().map(|d| (d * down).powi(2))) / n).sqrt() / down;
+        let shift = mean(d);
+        let spread = || sum(d().map(|d| (d * down - shift * down).powi(2)));
+        let shift_se = (n > 1.0).then(|| (spread() / (n * (n - 1.0))).sqrt() / down);
         let over = |value: f64, scale: f64| Some(value / scale.abs()).filter(|v| v.is_finite());
         Ok(Self {
             pixels: n as u64,
@@ -75,13 +84,26 @@ impl Comparison {
             rmse,
             rel_rmse: over(rmse, reference_mean),
             rel_rmse_peak: over(rmse, reference_peak),
-            mae: over(sum(d().map(f64::abs)) / n, reference_mean),
-            max: over(d().fold(0.0, |m: f64, d| m.max(d.abs())), reference_mean),
+            mae: over(mean(|| d().map(f64::abs)), reference_mean),
+            max: over(largest, reference_mean),
             psnr: Some(20.0 * (reference_peak / rmse).log10()).filter(|v| v.is_finite()),
             bias: over(shift, reference_mean),
             bias_se: shift_se.and_then(|se| over(se, reference_mean)),
         })
     }
+}
+
+/// The power of two that brings a magnitude into [1, 4), or as near as a normal number can.
+fn down(magnitude: f64) -> f64 {
+    let exponent = (magnitude.to_bits() >> 52) as i32 & 0x7ff;
+    2f64.powi((1023 - exponent).clamp(-1022, 1022))
+}
+
+/// Mean of finite values, whatever their size: never larger than the largest of them.
+pub(crate) fn mean<I: Iterator<Item = f64>>(values: impl Fn() -> I) -> f64 {
+    let (n, largest) = values().fold((0u64, 0.0f64), |(n, m), v| (n + 1, m.max(v.abs())));
+    let down = down(largest);
+    sum(values().map(|v| v * down)) / n as f64 / down
 }
 
 /// Compensated sum (A. Neumaier, Z. angew. Math. Mech. 54, 1974): error independent of the number of terms.
@@ -129,6 +151,28 @@ mod tests {
         assert!(Comparison::of(&image(&[1.0]), &image(&[2.0, 1.0])).is_err());
         let message = Comparison::of(&image(&[1.0, f64::NAN]), &image(&[2.0, 1.0])).unwrap_err().to_string();
         assert!(message.contains("(1, 0)") && message.contains("NaN"), "{message}");
+    }
+
+    #[test]
+    fn images_of_any_magnitude_have_the_same_relative_figures() {
+        let (test, reference) = ([2.0, 2.0, 5.0, 3.1], [1.0, 2.0, 4.0, 1.0]);
+        let times = |k: i32, v: &[f64]| image(&v.iter().map(|v| v * 2f64.powi(k)).collect::<Vec<_>>());
+        let plain = Comparison::of(&image(&test), &image(&reference)).unwrap();
+        for k in [-1020, -600, -300, 300, 600, 1020] {
+            let scaled = Comparison::of(&times(k, &test), &times(k, &reference)).unwrap();
+            let unit = 2f64.powi(k);
+            let expected = Comparison {
+                reference_mean: plain.reference_mean * unit,
+                reference_peak: plain.reference_peak * unit,
+                rmse: plain.rmse * unit,
+                ..plain
+            };
+            assert_eq!(scaled, expected, "2^{k}");
+        }
+        // The smallest numbers lose digits, not their size.
+        let tiny = Comparison::of(&image(&[3e-323, 0.0]), &image(&[1e-323, 1e-323])).unwrap();
+        assert!((tiny.rel_rmse.unwrap() - 2.5f64.sqrt()).abs() < 0.5, "{tiny:?}");
+        assert!(Comparison::of(&image(&[1.7e308]), &image(&[-1.7e308])).is_err());
     }
 
     #[test]

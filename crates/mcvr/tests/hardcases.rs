@@ -47,6 +47,11 @@ fn scale() {
 }
 
 #[test]
+fn measures() {
+    pose(Group::Measures);
+}
+
+#[test]
 fn files() {
     pose(Group::Files);
 }

@@ -17,18 +17,20 @@ pub enum Group {
     Geometry,
     Effects,
     Scale,
+    Measures,
     Files,
     Running,
 }
 
 impl Group {
     /// Every group, in the order of the table.
-    pub const ALL: [Group; 7] = [
+    pub const ALL: [Group; 8] = [
         Group::Distributions,
         Group::Sequences,
         Group::Geometry,
         Group::Effects,
         Group::Scale,
+        Group::Measures,
         Group::Files,
         Group::Running,
     ];
@@ -41,6 +43,7 @@ impl Group {
             Group::Geometry => "geometry",
             Group::Effects => "effects",
             Group::Scale => "scale",
+            Group::Measures => "measures",
             Group::Files => "files",
             Group::Running => "running",
         }

@@ -17,6 +17,7 @@ mod distributions;
 mod effects;
 mod files;
 mod geometry;
+mod measures;
 mod running;
 mod scale;
 mod sequences;
@@ -33,6 +34,7 @@ pub fn catalogue() -> impl Iterator<Item = &'static Case> {
         geometry::CASES,
         effects::CASES,
         scale::CASES,
+        measures::CASES,
         files::CASES,
         running::CASES,
     ]

@@ -114,7 +114,8 @@ pub fn converge(
     watch: RunWatch<'_>,
 ) -> Result<RunSummary, HarnessError> {
     let own = Comparison::of(&truth.image, &truth.image)?;
-    check(methods, truth, &own, options)?;
+    options.check(methods)?;
+    check_truth(truth, &own)?;
     let out = &options.out;
     std::fs::create_dir_all(out).map_err(|e| HarnessError::file(out, e))?;
     let hash = folder::sha256(&truth.image);
@@ -134,29 +135,52 @@ pub fn converge(
     outcome.map(|()| summary)
 }
 
-/// Refuses what cannot be measured, before anything is written.
-fn check(methods: &[&dyn Method], truth: &Truth, own: &Comparison, o: &ConvergeOptions) -> Result<(), HarnessError> {
-    let options = |problem: String| Err(HarnessError::Options(problem));
-    if methods.is_empty() {
-        return options("no method to measure".into());
-    }
-    let mut names = HashSet::new();
-    for name in methods.iter().map(|m| m.name()) {
-        if name.is_empty() || !name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-' || b == b'_') {
-            return options(format!("method name '{name}' may hold only ASCII letters, digits, '-' and '_'"));
+impl ConvergeOptions {
+    /// Most images of one run.
+    pub const IMAGES_LIMIT: u64 = 1 << 20;
+
+    /// Refuses what cannot be measured, before anything is written or a truth is made.
+    ///
+    /// # Errors
+    /// [`HarnessError::Options`] with what is wrong.
+    pub fn check(&self, methods: &[&dyn Method]) -> Result<(), HarnessError> {
+        let options = |problem: String| Err(HarnessError::Options(problem));
+        if methods.is_empty() {
+            return options("no method to measure".into());
         }
-        if !names.insert(name) {
-            return options(format!("two methods are named '{name}'"));
+        let mut names = HashSet::new();
+        for name in methods.iter().map(|m| m.name()) {
+            if name.is_empty() || !name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-' || b == b'_') {
+                return options(format!("method name '{name}' may hold only ASCII letters, digits, '-' and '_'"));
+            }
+            if !names.insert(name) {
+                return options(format!("two methods are named '{name}'"));
+            }
         }
+        if self.replicates == 0 || self.samples.iter().chain(&self.series).any(|&m| m == 0) {
+            return options("replicates and sample counts must be at least 1".into());
+        }
+        let counts = (self.samples.len() + self.series.len()) as u64;
+        if counts == 0 {
+            return options("no sample counts to measure".into());
+        }
+        let images = (methods.len() as u64).saturating_mul(counts).saturating_mul(u64::from(self.replicates));
+        if images > Self::IMAGES_LIMIT {
+            return options(format!(
+                "{} methods, {counts} sample counts and {} replicates are {images} images; at most {}",
+                methods.len(),
+                self.replicates,
+                Self::IMAGES_LIMIT
+            ));
+        }
+        Ok(())
     }
-    if o.replicates == 0 || o.samples.iter().chain(&o.series).any(|&m| m == 0) {
-        return options("replicates and sample counts must be at least 1".into());
-    }
-    if o.samples.is_empty() && o.series.is_empty() {
-        return options("no sample counts to measure".into());
-    }
+}
+
+/// Refuses a truth that nothing can be measured against.
+fn check_truth(truth: &Truth, own: &Comparison) -> Result<(), HarnessError> {
     if !(truth.rel_error_estimate.is_finite() && truth.rel_error_estimate >= 0.0) {
-        return options(format!("the truth's own error is {}", truth.rel_error_estimate));
+        return Err(HarnessError::Options(format!("the truth's own error is {}", truth.rel_error_estimate)));
     }
     if own.rel_rmse.is_none() {
         return Err(HarnessError::Comparison("the truth's mean pixel is 0: the volume is not in view".into()));
@@ -208,7 +232,7 @@ impl Run<'_> {
     /// Runs all jobs that are not recorded yet.
     fn measure(&mut self) -> Result<(), HarnessError> {
         let groups = self.groups();
-        let total = groups.iter().flatten().map(|j| j.samples).sum();
+        let total = groups.iter().flatten().fold(0, |sum: u64, j| sum.saturating_add(j.samples));
         let mut known: HashSet<RecordKey> = self.records.iter().map(Record::key).collect();
         let (mut done, mut warm) = (0, HashSet::new());
         for group in &groups {

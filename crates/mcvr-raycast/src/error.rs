@@ -27,6 +27,20 @@ pub enum RaycastError {
     #[error("the march's step must be positive and finite (in units of the smallest voxel spacing), got {0}")]
     Step(f64),
 
+    /// The march would take days.
+    #[error(
+        "the march's step of {given} (in units of the smallest voxel spacing) would take more than {limit} steps a ray; \
+         this volume's smallest is {smallest:.3e}"
+    )]
+    Steps {
+        /// What was asked for.
+        given: f64,
+        /// The smallest that is accepted.
+        smallest: f64,
+        /// Most steps on a ray.
+        limit: u32,
+    },
+
     /// No ray was asked for, or more than can be laid out in a pixel.
     #[error("rays per pixel must lie between 1 and {limit}, got {given}")]
     Rays {

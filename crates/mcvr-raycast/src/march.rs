@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use mcvr_scene::{Camera, Density, Estimand, Image, Kernel};
-use mcvr_volume::{Voxel, Voxels};
+use mcvr_volume::{Grid, Voxel, Voxels};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -36,16 +36,29 @@ impl MarchOptions {
     /// Largest `rays_per_pixel`.
     pub const RAYS_LIMIT: u32 = 1 << 20;
 
+    /// Most steps on a ray through the whole grid: seconds for one ray.
+    pub const STEPS_LIMIT: u32 = 1 << 24;
+
     /// # Errors
-    /// [`RaycastError::Shell`], [`RaycastError::Step`] or [`RaycastError::Rays`].
-    pub(crate) fn check(&self) -> Result<(), RaycastError> {
+    /// [`RaycastError::Shell`], [`RaycastError::Step`], [`RaycastError::Steps`] or [`RaycastError::Rays`].
+    pub(crate) fn check(&self, grid: &Grid) -> Result<(), RaycastError> {
         if !self.step.is_finite() || self.step <= 0.0 {
             return Err(RaycastError::Step(self.step));
+        }
+        let smallest = self.smallest_step(grid);
+        if self.step < smallest {
+            return Err(RaycastError::Steps { given: self.step, smallest, limit: Self::STEPS_LIMIT });
         }
         if !(1..=Self::RAYS_LIMIT).contains(&self.rays_per_pixel) {
             return Err(RaycastError::Rays { given: self.rays_per_pixel, limit: Self::RAYS_LIMIT });
         }
         if self.kernel == Kernel::Shell { Err(RaycastError::Shell) } else { Ok(()) }
+    }
+
+    /// The step that [`Self::STEPS_LIMIT`] leaves for a grid, by the longest way through the support of its samples.
+    pub fn smallest_step(&self, grid: &Grid) -> f64 {
+        let margin = 2.0 * self.kernel.support() * grid.spacing().element_sum();
+        (grid.diameter() + margin) / grid.spacing().min_element() / f64::from(Self::STEPS_LIMIT)
     }
 }
 
@@ -79,8 +92,8 @@ pub struct MarchImage {
 /// The same image, bit for bit, for any number of threads. `watch` hears of every finished row.
 ///
 /// # Errors
-/// [`RaycastError::Shell`], [`RaycastError::Step`] or [`RaycastError::Rays`] for unusable options,
-/// [`RaycastError::Cancelled`] when `watch` said so.
+/// [`RaycastError::Shell`], [`RaycastError::Step`], [`RaycastError::Steps`] or [`RaycastError::Rays`] for unusable
+/// options, [`RaycastError::Cancelled`] when `watch` said so.
 pub fn march(
     density: &Density,
     camera: &Camera,
@@ -88,7 +101,7 @@ pub fn march(
     watch: &Watch,
 ) -> Result<MarchImage, RaycastError> {
     let start = Instant::now();
-    options.check()?;
+    options.check(density.volume().grid())?;
     let job = Job { density, camera, options, watch };
     let (image, counters) = match density.volume().voxels() {
         Voxels::U8(voxels) if stored_is_weight(density) => job.run(voxels, Stored),
@@ -132,6 +145,9 @@ impl<'a> Visit<'a, f32> for Job<'a, '_> {
                 let mut random = random_of_row(options.seed, y);
                 let columns = if (y0..y1).contains(&y) && !watch.cancelled() { x0..x1 } else { 0..0 };
                 for x in columns {
+                    if watch.cancelled() {
+                        break;
+                    }
                     let mut sum = 0.0;
                     pattern.for_each(&mut random, |dx, dy| {
                         let (px, py) = (x as f64 + dx, y as f64 + dy);
@@ -161,8 +177,8 @@ fn cast<T: Voxel, W: Weigh<T, f32>>(
 ) -> f64 {
     counters.rays += 1;
     let Some((from, to)) = ray.clip(field.low(), field.high()) else { return 0.0 };
-    // A march of 2^40 steps would not end in anyone's life; `as` saturates.
-    let steps = ((to - from) / step).ceil().clamp(1.0, (1u64 << 40) as f64) as u64;
+    // At most `STEPS_LIMIT` or so, as the options were checked; `as` saturates.
+    let steps = ((to - from) / step).ceil().max(1.0) as u64;
     let dt = (to - from) / steps as f64;
     dt * if squared {
         field.sum::<true>(ray, from, dt, steps, counters)

@@ -44,7 +44,7 @@ pub fn march_with_look(
         let m = march(density, camera, options, watch)?;
         (m.image.values().iter().map(|v| [*v; 3]).collect(), m.counters)
     } else {
-        options.check()?;
+        options.check(density.volume().grid())?;
         rows(density, camera, look, options, watch)
     };
     if watch.cancelled() {
@@ -87,6 +87,9 @@ fn rows(
             let mut stencil = Stencil::default();
             let columns = if (y0..y1).contains(&y) && !watch.cancelled() { x0..x1 } else { 0..0 };
             for x in columns {
+                if watch.cancelled() {
+                    break;
+                }
                 let mut sum = [0.0; 3];
                 pattern.for_each(&mut random, |dx, dy| {
                     let (px, py) = (x as f64 + dx, y as f64 + dy);
@@ -96,7 +99,7 @@ fn rows(
                     let Some((from, to)) = ray.clip(low, high) else { return };
                     // As in the march without effects.
                     let step = longest * camera.depth_rate(px, py);
-                    let steps = ((to - from) / step).ceil().clamp(1.0, (1u64 << 40) as f64) as u64;
+                    let steps = ((to - from) / step).ceil().max(1.0) as u64;
                     let dt = (to - from) / steps as f64;
                     counters.evaluations += steps;
                     for s in 0..steps {

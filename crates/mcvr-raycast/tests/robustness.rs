@@ -159,6 +159,10 @@ fn unusable_options_are_refused_with_the_value() {
     for step in [0.0, -0.5, f64::NAN] {
         assert!(matches!(march(&d, &camera, &MarchOptions { step, ..good }, &w), Err(RaycastError::Step(_))));
     }
+    let smallest = good.smallest_step(d.volume().grid());
+    let march_with = |step| march(&d, &camera, &MarchOptions { step, ..good }, &w);
+    assert!(matches!(march_with(1e-30), Err(RaycastError::Steps { .. })));
+    assert!(matches!(march_with(0.999 * smallest), Err(RaycastError::Steps { .. })));
     let o = MarchOptions { rays_per_pixel: 0, ..good };
     assert!(matches!(march(&d, &camera, &o, &w), Err(RaycastError::Rays { given: 0, .. })));
     assert_eq!(march(&d, &camera, &MarchOptions { kernel: Kernel::Shell, ..good }, &w), Err(RaycastError::Shell));

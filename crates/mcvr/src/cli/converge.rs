@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, bail};
 use mcvr::harness::{self, ConvergeOptions, RunMeta, RunSummary, RunWatch, Truth};
+use mcvr::sampling::check_samples;
 use mcvr::scene::film;
 use mcvr::scene::{Density, Watch};
 use mcvr::{Measured, Method, Request, make};
@@ -84,6 +85,9 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         "none" => vec![],
         list => numbers::counts(list).map_err(anyhow::Error::msg).context("--series")?,
     };
+    for &count in samples.iter().chain(&series) {
+        check_samples(count)?;
+    }
     if args.methods.contains(&Method::Exact) {
         bail!("--methods: exact is the truth that the others are measured against");
     }
@@ -107,10 +111,8 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     for note in setup.notes.iter().filter(|_| !quiet) {
         eprintln!("mcvr: note: {note}");
     }
-    std::fs::create_dir_all(&args.out).with_context(|| format!("{}", args.out.display()))?;
     let cancel = progress::interrupt_flag();
     let density = Density::new(&setup.scenery.volume, setup.scenery.map.clone())?;
-    let truth = truth(&setup, density.mass(), &args.out, &cancel, quiet)?;
     let requests = args.methods.iter().map(|&method| Request { method, ..setup.request });
     let methods: Vec<Measured<'_>> = requests.map(|r| Measured::new(&setup.scenery, r, Some(&*cancel))).collect();
     let methods: Vec<&dyn harness::Method> = methods.iter().map(|m| m as _).collect();
@@ -122,6 +124,9 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         out: args.out.clone(),
         meta: meta(&setup, &density),
     };
+    options.check(&methods)?;
+    std::fs::create_dir_all(&args.out).with_context(|| format!("{}", args.out.display()))?;
+    let truth = truth(&setup, density.mass(), &args.out, &cancel, quiet)?;
     let summary = measure(&methods, &truth, &options, &cancel, quiet)?;
     if cancel.load(Ordering::Relaxed) {
         eprintln!("mcvr: finished records are kept in {}; the same command resumes", args.out.display());

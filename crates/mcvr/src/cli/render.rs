@@ -153,6 +153,14 @@ fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
             100.0 * clipped
         );
     }
+    let tolerance = setup.request.tolerance;
+    if let Some(error) = made.error.filter(|e| *e > tolerance) {
+        eprintln!(
+            "mcvr: warning: the tolerance of {tolerance:e} was not met: {} pixels were subdivided to the limit, and the own \
+             error estimate is {error:.2e}",
+            made.counters["depth_limited"]
+        );
+    }
     Ok(made)
 }
 

@@ -14,3 +14,16 @@ mod polynomial;
 mod sampling;
 mod scenes;
 mod symmetry;
+
+/// `cargo test` optimises and checks at once: debug assertions come with overflow checks, or neither is there. Scripts that rely
+/// on one or the other say so in `MCVR_EXPECT_CHECKS` (`yes` or `no`).
+#[test]
+fn debug_assertions_and_overflow_checks_come_together() {
+    let one = std::hint::black_box(1u32);
+    let overflow = std::panic::catch_unwind(|| u32::MAX + one).is_err();
+    let assertion = std::panic::catch_unwind(|| debug_assert!(one == 0)).is_err();
+    assert_eq!(overflow, assertion);
+    if let Ok(expected) = std::env::var("MCVR_EXPECT_CHECKS") {
+        assert_eq!(overflow, expected == "yes", "MCVR_EXPECT_CHECKS={expected}");
+    }
+}

@@ -10,9 +10,15 @@ use proptest::test_runner::RngSeed;
 
 use crate::common::{SAMPLERS, noise, stream};
 
-/// `cases` cases, the same ones in every run.
+/// `cases` cases (or `PROPTEST_CASES`), the same ones in every run (or those of another `PROPTEST_RNG_SEED`).
 pub fn config(cases: u32) -> ProptestConfig {
-    ProptestConfig { cases, failure_persistence: None, rng_seed: RngSeed::Fixed(20_261_122), ..ProptestConfig::default() }
+    let chosen = ProptestConfig::default();
+    let cases = if std::env::var_os("PROPTEST_CASES").is_some() { chosen.cases } else { cases };
+    let rng_seed = match chosen.rng_seed {
+        RngSeed::Random => RngSeed::Fixed(20_261_122),
+        fixed => fixed,
+    };
+    ProptestConfig { cases, rng_seed, failure_persistence: None, ..chosen }
 }
 
 /// Voxel types, each with weights that take another way through the distribution.

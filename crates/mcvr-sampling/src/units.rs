@@ -1,9 +1,9 @@
 //! Weights as integers, so that every sum is exact.
 //!
 //! Weights that are small integers already (any 8- or 16-bit volume under the identity map) are taken as they
-//! are. All others are scaled so that the whole sum is about 2^62 and rounded. A probability p among n voxels is then wrong by at
-//! most `2^-51 p` (the products' rounding) and `2^-63 (1 + n p)` (the integers'), however widely the weights range, and a
-//! positive weight below 2^-63 of the whole may round to zero.
+//! are. All others are scaled so that the whole sum is about 2^62 and rounded: a voxel's probability is then
+//! wrong by at most 2^-63, however widely the weights range, and a positive weight below that share of the
+//! whole may round to zero.
 
 use mcvr_scene::{Density, WeightFn};
 use mcvr_volume::Voxel;

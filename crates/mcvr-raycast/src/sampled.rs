@@ -146,7 +146,7 @@ impl<'a, T: Voxel, W: Weigh<T, f32>> SampledField<'a, T, W> {
             // The cell in cell coordinates; the voxels it depends on end at the same number.
             let c = (u[a] + support).floor();
             // Beyond every grid, and beyond the integers below.
-            if !(c.abs() < (1u64 << 41) as f64) {
+            if c.is_nan() || c.abs() >= (1u64 << 41) as f64 {
                 return 0.0;
             }
             first[a] = c as i64 - (taps - 1);

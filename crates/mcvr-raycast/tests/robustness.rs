@@ -208,7 +208,10 @@ fn views_from_beyond_all_precision_stay_within_the_volume() {
                 for estimand in Estimand::ALL {
                     let options = MarchOptions { kernel, estimand, ..MarchOptions::default() };
                     let image = march(&d, &camera, &options, &Watch::default()).unwrap().image;
-                    assert!(image.values().iter().all(|v| v.is_finite()), "march {kernel} {estimand} from {distance:e}");
+                    assert!(
+                        image.values().iter().all(|v| v.is_finite()),
+                        "march {kernel} {estimand} from {distance:e}"
+                    );
                 }
             }
         }

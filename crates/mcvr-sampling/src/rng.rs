@@ -197,7 +197,10 @@ mod tests {
                 for level in crate::SimdLevel::available() {
                     let mut positions = [words; 3].concat();
                     spread_at(level, &mut positions, offset, scale, largest);
-                    assert!(positions.iter().all(|p| *p <= largest as u64), "{level:?} {offset} {scale}: {positions:?}");
+                    assert!(
+                        positions.iter().all(|p| *p <= largest as u64),
+                        "{level:?} {offset} {scale}: {positions:?}"
+                    );
                 }
             }
         }

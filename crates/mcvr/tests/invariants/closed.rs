@@ -29,7 +29,8 @@ proptest! {
     #![proptest_config(config(48))]
 
     /// Seen along z, a voxel's share of a pixel is the product of its kernel's shares of the pixel's two sides. The reference is
-    /// held to its own estimate of its RMSE over the image (a pixel's own estimate is no bound: `box` jumps within pixels). A sampler's pixel is a mean of independent indicators of probability p (of which
+    /// held to its own estimate of its RMSE over the image; with `box` to twice that, as a jump in the outer quarter of a square of
+    /// cubature moves it by up to 1/6 and its estimate by 1/12, and here all squares along an edge are alike. A sampler's pixel is a mean of independent indicators of probability p (of which
     /// strata only take variance away), so by Bernstein it is off by more than `√(2 p(1−p) L / M) + 2L / 3M` with probability
     /// below `2 exp(−L)`; L = 35 makes that 1e-12 over all pixels and cases.
     #[test]
@@ -74,6 +75,7 @@ proptest! {
             prop_assert!((value - p).abs() <= bound, "{} {} bound {}", value, p, bound);
         }
         // 256 pixels of at most 1, each rounded some hundred times.
-        prop_assert!(square.sqrt() <= claim.sqrt() + 1e-13, "{:e} claims {:e}", square.sqrt(), claim.sqrt());
+        let times = if kernel == Kernel::Box { 2.0 } else { 1.0 };
+        prop_assert!(square.sqrt() <= times * claim.sqrt() + 1e-13, "{:e} claims {:e}", square.sqrt(), claim.sqrt());
     }
 }

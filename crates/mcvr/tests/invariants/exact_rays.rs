@@ -26,7 +26,15 @@ fn dyadic() -> impl Strategy<Value = Scan> {
 /// A field is at most `w` and its slope along an axis at most `w` per voxel (`tent`; `bspline3` 2/3 of that): moved by δ on three
 /// axes, its integral changes by `3 δ w` times the way. `box` jumps instead: each of the faces that the ray crosses moves along it
 /// by `δ / |d_a|`. The integration itself rounds each cell's part some 64 times, relative to `w` times the way.
-fn hold(value: f64, exact: f64, w: f64, way: f64, size: f64, dims: [usize; 3], slowest: f64) -> Result<(), TestCaseError> {
+fn hold(
+    value: f64,
+    exact: f64,
+    w: f64,
+    way: f64,
+    size: f64,
+    dims: [usize; 3],
+    slowest: f64,
+) -> Result<(), TestCaseError> {
     let delta = 64.0 * 2f64.powi(-53) * size;
     let faces = dims.iter().sum::<usize>() as f64 + 15.0;
     let bound = w * (3.0 * delta * way + faces * delta * slowest + 64.0 * 2f64.powi(-53) * faces * way);
@@ -121,4 +129,3 @@ proptest! {
         hold(value, scale * integral, most, way, size, scan.dims, slowest)?;
     }
 }
-

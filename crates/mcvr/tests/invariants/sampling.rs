@@ -4,7 +4,8 @@ use std::ops::Range;
 
 use mcvr::Method;
 use mcvr::sampling::{
-    BLOCK, Distribution, PointBlock, PointStream, Provenance, Rendered, Search, SimdLevel, block_count, block_len, sample,
+    BLOCK, Distribution, PointBlock, PointStream, Provenance, Rendered, Search, SimdLevel, block_count, block_len,
+    sample,
 };
 use mcvr::scene::{Estimand, Watch};
 use proptest::prelude::*;

@@ -174,8 +174,15 @@ pub fn scan() -> impl Strategy<Value = Scan> {
         any::<u8>(),
         any::<u64>(),
     )
-        .prop_map(|(dims, h, turn, mirrored, origin, stored, zeros, seed)| {
-            Scan { dims, spacing: h.map(f64::exp2), turn, mirrored, origin, stored, zeros, seed }
+        .prop_map(|(dims, h, turn, mirrored, origin, stored, zeros, seed)| Scan {
+            dims,
+            spacing: h.map(f64::exp2),
+            turn,
+            mirrored,
+            origin,
+            stored,
+            zeros,
+            seed,
         })
 }
 

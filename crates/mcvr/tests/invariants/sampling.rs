@@ -161,9 +161,9 @@ proptest! {
             let voxel = d.voxel_of(target);
             prop_assert!(density.weight(voxel) > 0.0, "voxel {} of weight 0 is drawn", voxel);
             let at = grid.unravel(voxel);
-            for a in 0..3 {
+            for (a, &place) in at.iter().enumerate() {
                 let centre = (grid.dims()[a] - 1) / 2;
-                let offset = f64::from(cloud.positions()[a][k]) + centre as f64 - at[a] as f64;
+                let offset = f64::from(cloud.positions()[a][k]) + centre as f64 - place as f64;
                 prop_assert!(offset.abs() <= ask.kernel.support() + 2f64.powi(-20), "{} at {} on axis {}", offset, k, a);
             }
         }

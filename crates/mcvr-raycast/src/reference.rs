@@ -36,7 +36,8 @@ impl Default for ReferenceOptions {
 /// How wrong a reference may be, by its own estimate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ErrorEstimate {
-    /// Estimate of each pixel's absolute error, in the image's unit.
+    /// Estimate of each pixel's absolute error, in the image's unit. No bound where `box` voxels are seen edge-on: one jump
+    /// within a pixel may be off by twice the estimate.
     pub image: Image,
     /// Root mean square of that image over the mean of the reference. No measured error below ten times this
     /// means anything (METHOD section 7).

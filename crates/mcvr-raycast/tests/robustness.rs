@@ -198,3 +198,26 @@ fn a_volume_far_smaller_than_a_pixel_is_found() {
     let r = run(&d, &camera, &o);
     assert!((r.image.sum() - 1.0).abs() < 1e-3, "{}", r.image.sum());
 }
+
+/// From so far away that a double's coordinates in voxels mean nothing, a march still gives finite pixels.
+#[test]
+fn views_from_beyond_all_precision_stay_within_the_volume() {
+    let grid = skewed_grid([9, 8, 7]);
+    let d = density(grid.clone(), (0..grid.len()).map(|n| (n * 7919 % 251) as u8).collect());
+    for distance in [1e9, 1e15, 1e18, 1e25, 1e30, 1e100] {
+        for parallel in [false, true] {
+            let view = View { distance: Some(distance * grid.diameter()), parallel, ..View::default() };
+            let Ok(camera) = Camera::look(&view, &grid, Extent::new(12, 9).unwrap()) else { continue };
+            for kernel in [Kernel::Box, Kernel::Tent, Kernel::Bspline3] {
+                for estimand in Estimand::ALL {
+                    let options = MarchOptions { kernel, estimand, ..MarchOptions::default() };
+                    let image = march(&d, &camera, &options, &Watch::default()).unwrap().image;
+                    assert!(
+                        image.values().iter().all(|v| v.is_finite()),
+                        "march {kernel} {estimand} from {distance:e}"
+                    );
+                }
+            }
+        }
+    }
+}

@@ -113,8 +113,8 @@ crate::simd::vectorised! {
     fn spread_at(positions: &mut [u64], offset: f64, scale: f64, largest: f64) = spread_body
 }
 
-/// `positions[i] = floor(min(offset + positions[i] * scale, largest))` for positions below 2^52 and results in
-/// 0..2^63.
+/// `positions[i] = floor(min(offset + positions[i] * scale, largest))` for positions below 2^52 (of others the lower 52
+/// bits) and results in 0..2^63.
 ///
 /// # Panics
 /// When the results could leave 0..2^63.
@@ -125,12 +125,15 @@ pub fn spread(positions: &mut [u64], offset: f64, scale: f64, largest: f64) {
 
 #[inline(always)]
 fn spread_body(positions: &mut [u64], offset: f64, scale: f64, largest: f64) {
-    const MAGIC: f64 = (1u64 << 52) as f64;
+    const MAGIC_STEPS: u64 = 1 << 52;
+    const MAGIC: f64 = MAGIC_STEPS as f64;
     for p in positions {
-        let x = f64::from_bits(*p | MAGIC.to_bits()) - MAGIC;
+        // The mask keeps x within 0..2^52 whatever a caller hands over.
+        let x = f64::from_bits(*p & (MAGIC_STEPS - 1) | MAGIC.to_bits()) - MAGIC;
         let y = offset + x * scale;
         let z = if y < largest { y } else { largest };
-        // SAFETY: 0 ≤ z ≤ largest < 2^63 (a NaN has become `largest`).
+        // SAFETY: x, offset and scale are at least 0 (`spread` asserts the two), so 0 ≤ z ≤ largest < 2^63 (a NaN has become
+        // `largest`).
         *p = unsafe { z.to_int_unchecked::<i64>() as u64 };
     }
 }
@@ -182,6 +185,24 @@ mod tests {
         assert_eq!(base, words(1, Purpose::Offsets, 0));
         for other in [words(2, Purpose::Offsets, 0), words(1, Purpose::Targets, 0), words(1, Purpose::Offsets, 1)] {
             assert!(base.iter().zip(other).filter(|(a, b)| **a == *b).count() < 2);
+        }
+    }
+
+    /// The conversion in [`spread`] is unchecked, so no argument that it accepts may lead out of range.
+    #[test]
+    fn spread_stays_in_range_whatever_the_positions() {
+        let words = [0, 1, (1 << 52) - 1, 1 << 52, 1 << 62, 1 << 63, 0xfff0 << 48, u64::MAX];
+        for (offset, scale) in [(0.0, 1.0), (0.0, f64::MAX), (1e300, 0.0), (0.0, f64::INFINITY), (7.5, 1e-300)] {
+            for largest in [0.0, 254.0, 9.19e18] {
+                for level in crate::SimdLevel::available() {
+                    let mut positions = [words; 3].concat();
+                    spread_at(level, &mut positions, offset, scale, largest);
+                    assert!(
+                        positions.iter().all(|p| *p <= largest as u64),
+                        "{level:?} {offset} {scale}: {positions:?}"
+                    );
+                }
+            }
         }
     }
 

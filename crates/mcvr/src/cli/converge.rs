@@ -1,5 +1,6 @@
 //! `mcvr converge`, and the tour that runs without a command.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -73,7 +74,7 @@ pub fn demo(quiet: bool) -> anyhow::Result<()> {
         ..Args::default()
     };
     if !quiet {
-        eprintln!("Measuring Monte Carlo, stratified, quasi-Monte Carlo and a ray march on an embedded phantom.");
+        say!("Measuring Monte Carlo, stratified, quasi-Monte Carlo and a ray march on an embedded phantom.");
     }
     run(&args, quiet)
 }
@@ -102,10 +103,10 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     }
     setup.check_effects()?;
     if setup.film.is_transmission() && !quiet {
-        eprintln!("mcvr: note: the line integral is measured; the scene's film plays no part");
+        say!("mcvr: note: the line integral is measured; the scene's film plays no part");
     }
     for note in setup.notes.iter().filter(|_| !quiet) {
-        eprintln!("mcvr: note: {note}");
+        say!("mcvr: note: {note}");
     }
     std::fs::create_dir_all(&args.out).with_context(|| format!("{}", args.out.display()))?;
     let cancel = progress::interrupt_flag();
@@ -124,13 +125,14 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     };
     let summary = measure(&methods, &truth, &options, &cancel, quiet)?;
     if cancel.load(Ordering::Relaxed) {
-        eprintln!("mcvr: finished records are kept in {}; the same command resumes", args.out.display());
+        say!("mcvr: finished records are kept in {}; the same command resumes", args.out.display());
         return Err(anyhow::Error::new(Interrupted));
     }
     if !quiet {
-        println!("Report: {}", args.out.join("report.html").display());
+        let mut out = std::io::stdout().lock();
+        writeln!(out, "Report: {}", args.out.join("report.html").display())?;
         for line in harness::key_lines(&summary) {
-            println!("  {line}");
+            writeln!(out, "  {line}")?;
         }
     }
     Ok(())
@@ -186,9 +188,11 @@ fn meta(setup: &Setup, density: &Density) -> RunMeta {
 
 /// The command line as given, paths of folders left out.
 fn command() -> String {
-    let mut words = std::env::args().skip(1).map(|word| match Path::new(&word).file_name() {
-        Some(name) if word.starts_with('/') => name.to_string_lossy().into_owned(),
-        _ => word,
+    let mut words = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).map(|word| {
+        match Path::new(&word).file_name() {
+            Some(name) if word.starts_with('/') => name.to_string_lossy().into_owned(),
+            _ => word,
+        }
     });
     std::iter::once("mcvr".to_owned()).chain(&mut words).collect::<Vec<_>>().join(" ")
 }

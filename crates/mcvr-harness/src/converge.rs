@@ -4,7 +4,7 @@ use std::collections::{BTreeSet, HashSet};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use mcvr_scene::{Estimand, Image, Kernel};
+use mcvr_scene::{Estimand, Extent, Image, Kernel};
 use serde::Serialize;
 
 use crate::images::Pictures;
@@ -115,23 +115,74 @@ pub fn converge(
 ) -> Result<RunSummary, HarnessError> {
     let own = Comparison::of(&truth.image, &truth.image)?;
     check(methods, truth, &own, options)?;
-    let out = &options.out;
-    std::fs::create_dir_all(out).map_err(|e| HarnessError::file(out, e))?;
-    let hash = folder::sha256(&truth.image);
-    folder::claim(out, &options.meta, folder::fingerprint(&options.meta, options.seed, &truth.image, &hash))?;
-    let (log, records) = RecordLog::open(&out.join("records.jsonl"))?;
-    let pictures = Pictures::new(out, &truth.image);
-    pictures.write_truth()?;
-    let mut run = Run { methods, truth, own, hash, options, watch, pictures, log, records };
-    let outcome = match run.measure() {
-        // A method that watches the same flag may give up in the middle of an image.
-        Err(HarnessError::Method { .. }) if watch.cancel.load(Ordering::Relaxed) => Ok(()),
-        outcome => outcome,
-    };
-    let summary = run.summary();
-    run.write_tables()?;
-    crate::output::write_all(&summary)?;
-    outcome.map(|()| summary)
+    let claim = Claim::lay(options, truth.image.extent())?;
+    claim.confirm(options, truth)?;
+    claim.converge(methods, truth, options, watch)
+}
+
+/// A folder that belongs to this run and to no other process, from before the truth is made. The lock goes with it.
+#[derive(Debug)]
+pub struct Claim {
+    log: RecordLog,
+    records: Vec<Record>,
+}
+
+impl Claim {
+    /// Makes the folder where it is absent, locks it, and checks that what it holds is of the same run, as far as that is known
+    /// without the truth. Another run's folder is left as it was.
+    ///
+    /// # Errors
+    /// [`HarnessError::OtherRun`] when the folder belongs to something else, [`HarnessError::File`] when another process works
+    /// in it or it cannot be written.
+    pub fn lay(options: &ConvergeOptions, truth: Extent) -> Result<Self, HarnessError> {
+        let out = &options.out;
+        std::fs::create_dir_all(out).map_err(|e| HarnessError::file(out, e))?;
+        let mut settings = folder::fingerprint(&options.meta, options.seed, truth, "");
+        settings.remove("truth");
+        folder::check(out, &settings)?;
+        let (log, records) = RecordLog::open(&out.join("records.jsonl"))?;
+        Ok(Self { log, records })
+    }
+
+    /// Writes the folder's header, or checks that the one there names this truth. Nothing else should be written before.
+    ///
+    /// # Errors
+    /// As [`Claim::lay`].
+    pub fn confirm(&self, options: &ConvergeOptions, truth: &Truth) -> Result<(), HarnessError> {
+        let hash = folder::sha256(&truth.image);
+        let settings = folder::fingerprint(&options.meta, options.seed, truth.image.extent(), &hash);
+        folder::claim(&options.out, &options.meta, settings)
+    }
+
+    /// [`converge`] in this folder, after [`Claim::confirm`].
+    ///
+    /// # Errors
+    /// As [`converge`].
+    pub fn converge(
+        self,
+        methods: &[&dyn Method],
+        truth: &Truth,
+        options: &ConvergeOptions,
+        watch: RunWatch<'_>,
+    ) -> Result<RunSummary, HarnessError> {
+        let own = Comparison::of(&truth.image, &truth.image)?;
+        check(methods, truth, &own, options)?;
+        let Self { log, records } = self;
+        let out = &options.out;
+        let hash = folder::sha256(&truth.image);
+        let pictures = Pictures::new(out, &truth.image);
+        pictures.write_truth()?;
+        let mut run = Run { methods, truth, own, hash, options, watch, pictures, log, records };
+        let outcome = match run.measure() {
+            // A method that watches the same flag may give up in the middle of an image.
+            Err(HarnessError::Method { .. }) if watch.cancel.load(Ordering::Relaxed) => Ok(()),
+            outcome => outcome,
+        };
+        let summary = run.summary();
+        let written = run.write_tables().and_then(|()| crate::output::write_all(&summary));
+        // The first thing that went wrong is the one to report.
+        outcome.and(written).map(|()| summary)
+    }
 }
 
 /// Refuses what cannot be measured, before anything is written.
@@ -151,6 +202,14 @@ fn check(methods: &[&dyn Method], truth: &Truth, own: &Comparison, o: &ConvergeO
     }
     if o.replicates == 0 || o.samples.iter().chain(&o.series).any(|&m| m == 0) {
         return options("replicates and sample counts must be at least 1".into());
+    }
+    let work: u128 = o.samples.iter().chain(&o.series).map(|&m| u128::from(m)).sum();
+    if work * (names.len() as u128) * u128::from(o.replicates) >= 1 << 63 {
+        return options(format!(
+            "{work} samples for each of {} replicates and {} methods: 2^63 or more in all",
+            o.replicates,
+            names.len()
+        ));
     }
     if o.samples.is_empty() && o.series.is_empty() {
         return options("no sample counts to measure".into());

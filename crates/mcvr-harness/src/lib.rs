@@ -24,9 +24,10 @@ mod report;
 pub mod summary;
 
 pub use compare::{FileComparison, compare_files};
-pub use converge::{ConvergeOptions, RunMeta, RunWatch, Truth, converge};
+pub use converge::{Claim, ConvergeOptions, RunMeta, RunWatch, Truth, converge};
 pub use error::HarnessError;
 pub use fit::SlopeFit;
+pub use folder::sha256;
 pub use images::{SeriesImage, difference_scale, write_difference};
 pub use machine::{git_commit, machine};
 pub use method::{Method, MethodError, PhaseSeconds, Rendered};

@@ -32,14 +32,7 @@ where
         whole.rewind()?;
         return io::copy(&mut whole, &mut OpenOptions::new().write(true).open(path)?).map(drop);
     }
-    let folder = target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    // Temporary files are private by default; this one becomes an ordinary file, less what the umask takes.
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    let temporary = builder.prefix(".mcvr-").suffix(".tmp").tempfile_in(folder).map_err(|e| {
-        io::Error::new(e.kind(), format!("cannot write into '{}': {}", folder.display(), source_of(&e)))
-    })?;
+    let temporary = beside(&target)?;
     filled(temporary.as_file(), fill)?;
     if let Some(there) = there {
         temporary.as_file().set_permissions(there.permissions())?;
@@ -52,17 +45,31 @@ where
 /// Refuses what [`write_whole`] will not be able to write, as far as that can be known before the work.
 ///
 /// # Errors
-/// A missing folder, a folder in the file's place, a file that may not be written.
+/// A missing folder or one that may not be written, a folder in the file's place, a file that may not be written.
 pub fn check_writable(path: &Path) -> io::Result<()> {
     let target = resolved(path)?;
-    let folder = target.parent().filter(|p| !p.as_os_str().is_empty());
-    if let Some(folder) = folder.filter(|f| !f.is_dir()) {
-        return Err(io::Error::new(
-            io::ErrorKind::NotFound,
-            format!("no such folder for the output: '{}'", folder.display()),
-        ));
+    match check_target(&target)? {
+        Some(there) if !there.is_file() => Ok(()),
+        _ => beside(&target).map(drop),
     }
-    check_target(&target).map(drop)
+}
+
+/// A temporary file in a target's folder, to become the target. It goes when it is dropped.
+fn beside(target: &Path) -> io::Result<tempfile::NamedTempFile> {
+    let folder = target.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if !folder.is_dir() {
+        let problem = format!("no such folder for the output: '{}'", folder.display());
+        return Err(io::Error::new(io::ErrorKind::NotFound, problem));
+    }
+    let mut builder = tempfile::Builder::new();
+    // Temporary files are private by default; this one becomes an ordinary file, less what the umask takes.
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    builder.prefix(".mcvr-").suffix(".tmp").tempfile_in(folder).map_err(|e| {
+        // The name of the temporary file says nothing to people.
+        let reason = e.raw_os_error().map_or(e.to_string(), |code| io::Error::from_raw_os_error(code).to_string());
+        io::Error::new(e.kind(), format!("cannot write into '{}': {reason}", folder.display()))
+    })
 }
 
 /// What there is at a target, if it may be written.
@@ -109,14 +116,6 @@ where
         Err(other) => io::Error::other(other),
     })?;
     out.flush()
-}
-
-/// An error without the name of a temporary file, which says nothing to people.
-fn source_of(error: &io::Error) -> String {
-    match error.get_ref().and_then(std::error::Error::source) {
-        Some(inner) => inner.to_string(),
-        None => error.to_string(),
-    }
 }
 
 #[cfg(test)]

@@ -57,7 +57,9 @@ pub(super) fn fail(path: &Path, problem: impl ToString) -> SceneError {
 /// # Errors
 /// [`SceneError::File`] when the folder is missing or not writable, or the disk is full.
 pub fn write(image: &Image, path: &Path, format: ImageFormat, tone: &Tone) -> Result<(), SceneError> {
-    write_within(image, path, format, tone, tone.limits(image))
+    // Linear formats have no tone, and limits take an order of all pixels.
+    let limits = if format.is_linear() { [0.0, 1.0] } else { tone.limits(image) };
+    write_within(image, path, format, tone, limits)
 }
 
 /// Writes an image with its tone between given limits instead of the tone's percentiles: images of a series are

@@ -37,7 +37,7 @@ pub fn run(args: &Args) -> anyhow::Result<()> {
         )?;
     }
     if args.json.as_deref() != Some("-".as_ref()) {
-        writeln!(std::io::stdout(), "{}", result.comparison)?;
+        writeln!(outputs::stdout(), "{}", result.comparison)?;
     }
     Ok(())
 }

@@ -101,7 +101,7 @@ fn pose<'a>(cases: &[&'a Case], quiet: bool) -> anyhow::Result<Vec<Posed<'a>>> {
     bar.finish_and_clear();
     std::panic::set_hook(hook);
     if outcomes.len() < cases.len() {
-        write!(std::io::stdout(), "{}", plain(&outcomes, 0))?;
+        write!(outputs::stdout(), "{}", plain(&outcomes, 0))?;
         return Err(anyhow::Error::new(Interrupted));
     }
     Ok(outcomes)
@@ -109,10 +109,7 @@ fn pose<'a>(cases: &[&'a Case], quiet: bool) -> anyhow::Result<Vec<Posed<'a>>> {
 
 fn put(args: &Args, text: &str) -> anyhow::Result<()> {
     match &args.out {
-        None => {
-            let mut out = std::io::stdout().lock();
-            out.write_all(text.as_bytes()).and_then(|()| out.flush()).context("standard output")
-        }
+        None => Ok(outputs::stdout().write_all(text.as_bytes())?),
         Some(path) => Ok(film::write_whole(path, |out| out.write_all(text.as_bytes()))?),
     }
 }

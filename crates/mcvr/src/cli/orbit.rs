@@ -11,7 +11,7 @@ use mcvr::{is_cloud, read_cloud, volume};
 
 use super::args::{ToneArgs, VolumeArgs};
 use super::sample::{DrawArgs, draw, ends};
-use super::{Interrupted, outputs, progress, project};
+use super::{Interrupted, outputs, process, progress, project};
 
 /// Most bytes of frames that are kept for an animation.
 const ANIMATION_LIMIT: u64 = 1 << 32;
@@ -91,6 +91,8 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         // A folder is made where its parent is one, like a file.
         volume::check_writable(&args.output).with_context(|| args.output.display().to_string())?;
     }
+    let kept = if animation { extent.pixels() as u64 * u64::from(args.frames) } else { 0 };
+    process::check_memory(kept + 26 * extent.pixels() as u64, &format!("{} frames of {extent} pixels", args.frames))?;
     // An unusable view is refused before the points are drawn, where the input is a cloud already.
     let input = args.volume.input.as_deref().map(Path::new).filter(|p| is_cloud(p));
     let cloud = match input {

@@ -1,6 +1,7 @@
 //! What is found out about outputs before the work, and how they are named in records.
 
 use std::collections::HashSet;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -31,6 +32,27 @@ fn place(path: &Path) -> PathBuf {
         Some(folder.canonicalize().ok()?.join(path.file_name()?))
     };
     path.canonicalize().ok().or_else(beside).unwrap_or_else(|| path.to_owned())
+}
+
+/// Standard output, whose errors say so.
+pub fn stdout() -> impl Write {
+    Stdout(std::io::stdout().lock())
+}
+
+struct Stdout(std::io::StdoutLock<'static>);
+
+/// The kind stays: a broken pipe is no failure.
+fn named(e: std::io::Error) -> std::io::Error {
+    std::io::Error::new(e.kind(), format!("standard output: {e}"))
+}
+
+impl Write for Stdout {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.0.write(bytes).map_err(named)
+    }
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.0.flush().map_err(named)
+    }
 }
 
 /// Paths as records have them: JSON is Unicode, file names need not be.

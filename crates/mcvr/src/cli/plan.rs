@@ -56,7 +56,7 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         setup.view.clone_from(&view.words);
         let made = one(args, &setup, &film, quiet)?;
         if text {
-            let mut out = std::io::stdout().lock();
+            let mut out = outputs::stdout();
             if i > 0 {
                 writeln!(out)?;
             }
@@ -109,6 +109,7 @@ fn one(args: &Args, setup: &Setup, film: &Film, quiet: bool) -> anyhow::Result<P
     let outcome = match args.run {
         false => None,
         true => {
+            process::check_memory(plan.bytes, "the image by this plan")?;
             let made = watched(setup, quiet, "rendering", |watch| make(scenery, request, watch))?;
             let verdicts = plan.verify(&made.counters);
             Some((made, verdicts))

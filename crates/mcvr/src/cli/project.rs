@@ -10,7 +10,7 @@ use mcvr::{CameraSection, read_cloud};
 use serde_json::{Value, json};
 
 use super::args::{ToneArgs, ViewArgs};
-use super::render::write_json;
+use super::render::{check_image_memory, write_json};
 use super::sample::about;
 use super::setup::camera;
 use super::{Interrupted, outputs, progress};
@@ -49,6 +49,7 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     let cloud = read_cloud(&args.cloud)?;
     let load = start.elapsed().as_secs_f64();
     let (camera, view) = camera(&args.view, &CameraSection::default(), None, cloud.grid())?;
+    check_image_memory(camera.extent(), 1, &formats)?;
     let estimand = args.estimand.unwrap_or_default();
     let cancel = progress::interrupt_flag();
     let bar = progress::bar(cloud.samples(), quiet);

@@ -4,9 +4,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::Context;
 use mcvr::scene::film::{self, ImageFormat};
-use mcvr::scene::{Transfer, Watch};
+use mcvr::scene::{Extent, Transfer, Watch};
 use mcvr::{Made, Method, make};
 use serde_json::{Value, json};
 
@@ -51,6 +50,10 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         say!("mcvr: note: {note}");
     }
     let views = std::mem::take(&mut setup.views);
+    for view in &views {
+        let channels = setup.scenery.effects.look(setup.scenery.volume.grid(), &view.camera)?.channels();
+        check_image_memory(view.camera.extent(), channels, &formats)?;
+    }
     let mut records = vec![];
     for Viewpoint { camera, label, words } in &views {
         let begin = if records.is_empty() { start } else { Instant::now() };
@@ -94,6 +97,18 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         write_json(path, &record)?;
     }
     Ok(())
+}
+
+/// Refuses an image that will not fit into memory, sums and writing included. A pixel takes 8 bytes as a sum, 8 as a value
+/// and, once the sums are gone, in each channel: 8 for its tone and 2 as a PNG, or 12 as floats and as many for the encoder.
+pub fn check_image_memory(extent: Extent, channels: usize, formats: &[ImageFormat]) -> anyhow::Result<()> {
+    let written = |format: &ImageFormat| match format {
+        ImageFormat::Npy => 8,
+        ImageFormat::Png8 | ImageFormat::Png16 => 8 + 8 + 2,
+        ImageFormat::Exr | ImageFormat::Tiff => 12 + 12,
+    };
+    let pixel = (8 + formats.iter().map(written).max().unwrap_or(8)) * channels as u64;
+    process::check_memory(extent.pixels() as u64 * pixel, &format!("an image of {extent} pixels"))
 }
 
 /// `out.png` of the camera `front`: `out-front.png`.
@@ -194,8 +209,7 @@ pub fn write_json(path: &Path, value: &Value) -> anyhow::Result<()> {
     let mut text = serde_json::to_string_pretty(value)?;
     text.push('\n');
     if path == Path::new("-") {
-        let mut out = std::io::stdout().lock();
-        return out.write_all(text.as_bytes()).and_then(|()| out.flush()).context("standard output");
+        return Ok(outputs::stdout().write_all(text.as_bytes())?);
     }
     Ok(film::write_whole(path, |out| out.write_all(text.as_bytes()))?)
 }

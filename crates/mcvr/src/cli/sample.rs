@@ -127,12 +127,7 @@ pub fn draw(volume: &VolumeArgs, args: &DrawArgs, quiet: bool) -> anyhow::Result
     setup.request.order = args.order.or(scene_file(volume, &method)?.0.sampling.order).unwrap_or(VoxelOrder::Raster);
     let samples = setup.request.samples;
     let bytes = samples.saturating_mul(Cloud::BYTES_PER_POINT);
-    if let Some(free) = process::free_memory().filter(|free| bytes > *free) {
-        bail!(
-            "{samples} points take {bytes} bytes of memory and {free} are free; at most {}",
-            free / Cloud::BYTES_PER_POINT
-        );
-    }
+    process::check_memory(bytes, &format!("a cloud of {samples} points"))?;
     for note in &setup.notes {
         say!("mcvr: note: {note}");
     }

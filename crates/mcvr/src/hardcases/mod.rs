@@ -17,6 +17,7 @@ mod distributions;
 mod effects;
 mod files;
 mod geometry;
+mod program;
 mod running;
 mod scale;
 mod sequences;
@@ -27,15 +28,6 @@ pub use support::Context;
 
 /// Every case, group by group.
 pub fn catalogue() -> impl Iterator<Item = &'static Case> {
-    [
-        distributions::CASES,
-        sequences::CASES,
-        geometry::CASES,
-        effects::CASES,
-        scale::CASES,
-        files::CASES,
-        running::CASES,
-    ]
-    .into_iter()
-    .flatten()
+    let one = [distributions::CASES, sequences::CASES, geometry::CASES, effects::CASES, files::CASES];
+    one.into_iter().chain(scale::CASES).chain(running::CASES).flatten()
 }

@@ -85,6 +85,23 @@ pub(crate) fn check(folder: &Path, fingerprint: &BTreeMap<String, String>) -> Re
     }
 }
 
+/// Removes what a killed run left half written. Only for a folder that is locked: nobody else is writing there.
+///
+/// # Errors
+/// [`HarnessError::File`] when the folder cannot be read or a file not removed.
+pub(crate) fn tidy(folder: &Path) -> Result<(), HarnessError> {
+    for folder in [folder.to_owned(), folder.join("images")].into_iter().filter(|f| f.is_dir()) {
+        for entry in std::fs::read_dir(&folder).map_err(|e| HarnessError::file(&folder, e))? {
+            let path = entry.map_err(|e| HarnessError::file(&folder, e))?.path();
+            let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+            if name.starts_with(".mcvr-") && name.ends_with(".tmp") {
+                std::fs::remove_file(&path).map_err(|e| HarnessError::file(&path, e))?;
+            }
+        }
+    }
+    Ok(())
+}
+
 /// SHA-256 of an image's size and values, in hexadecimal.
 pub fn sha256(image: &Image) -> String {
     let mut hash = Sha256::new();

@@ -87,9 +87,10 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     }
     if animation {
         outputs::check([&args.output], &[args.volume.file(), args.draw.scene()])?;
-    } else if !args.output.is_dir() {
+    } else {
         // A folder is made where its parent is one, like a file.
-        volume::check_writable(&args.output).with_context(|| args.output.display().to_string())?;
+        let first = if args.output.is_dir() { args.output.join("0000.png") } else { args.output.clone() };
+        volume::check_writable(&first).with_context(|| first.display().to_string())?;
     }
     let kept = if animation { extent.pixels() as u64 * u64::from(args.frames) } else { 0 };
     process::check_memory(kept + 26 * extent.pixels() as u64, &format!("{} frames of {extent} pixels", args.frames))?;

@@ -51,6 +51,10 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     }
     let views = std::mem::take(&mut setup.views);
     for view in &views {
+        if views.len() > 1 {
+            let outputs: Vec<PathBuf> = args.outputs.iter().map(|p| labelled(p, &view.label)).collect();
+            outputs::check(&outputs, &args.image.inputs())?;
+        }
         let channels = setup.scenery.effects.look(setup.scenery.volume.grid(), &view.camera)?.channels();
         check_image_memory(view.camera.extent(), channels, &formats)?;
     }

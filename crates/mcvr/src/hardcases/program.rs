@@ -18,14 +18,20 @@ pub(super) struct Ended {
     pub status: ExitStatus,
     pub out: Vec<u8>,
     pub err: String,
-    /// Largest anonymous memory seen while it ran, bytes (Linux).
-    pub anonymous: u64,
+    /// Largest anonymous memory seen while it ran, bytes; 0 where the system does not tell.
+    anonymous: u64,
 }
 
 impl Ended {
     /// The exit status, where there is one.
     pub(super) fn code(&self) -> Option<i32> {
         self.status.code()
+    }
+
+    /// Largest anonymous memory seen while it ran, where the system tells.
+    pub(super) fn anonymous(&self) -> Result<f64, CaseError> {
+        let unknown = || CaseError::Impossible("this system does not tell a process's anonymous memory".into());
+        if self.anonymous > 0 { Ok(self.anonymous as f64) } else { Err(unknown()) }
     }
 
     /// An error said in words: the status, the parts of the message, no panic.

@@ -113,6 +113,10 @@ fn stopped(context: &Context, signals: &[&str]) -> Result<Finding, CaseError> {
     }
     place.must(converge("run"))?;
     let run = records(&place.path("run"))?;
+    let left = super::program::names(&place.path("run"))?.into_iter().filter(|n| n.ends_with(".tmp")).count();
+    if left > 0 {
+        return Err(format!("{left} temporary files are left after the rerun").into());
+    }
     let counts: Vec<String> = survived.iter().map(ToString::to_string).collect();
     let detail = format!("stopped after {} records", counts.join(", "));
     Ok(Finding::wrong(differences(&whole, &run), whole.len() as u64, "records").with(detail))
@@ -194,7 +198,7 @@ fn two_runs(context: &Context) -> Result<Finding, CaseError> {
     let ended = first.wait(PATIENCE)?;
     tally.check(ended.status.success(), || format!("the first: {}", ended.last_words()));
     // A finer truth is another one: it is refused too, and the one there stays.
-    let finer = place.run(converge("run").into_iter().map(|a| if a == "1e-2" { "1e-6" } else { a }))?;
+    let finer = place.run(converge("run").into_iter().map(|a| if a == "1e-2" { "1e-4" } else { a }))?;
     tally.check(finer.failed_with(1, &["run", "something else"]), || format!("finer: {}", finer.last_words()));
     tally.check(truth()? == before, || "the first run's truth was replaced".into());
     let apart = differences(&records(&place.path("whole"))?, &records(&place.path("run"))?);

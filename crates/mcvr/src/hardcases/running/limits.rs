@@ -47,18 +47,18 @@ fn threads_out_of_range(context: &Context) -> Result<Finding, CaseError> {
 fn a_thousand_threads(context: &Context) -> Result<Finding, CaseError> {
     let place = Place::new(context)?;
     let mut tally = Tally::default();
-    for estimand in ["line", "count"] {
+    for (estimand, many) in [("line", "1000"), ("count", "1024")] {
         let image = |threads: &str| -> Result<Vec<u8>, CaseError> {
             place.must(picture(&["--estimand", estimand, "-o", "a.npy", "--threads", threads]))?;
             Ok(std::fs::read(place.path("a.npy"))?)
         };
         let one = image("1")?;
-        for threads in ["2", "1000", "1024"] {
+        for threads in ["2", many] {
             let same = image(threads)? == one;
             tally.check(same, || format!("{estimand} by {threads} threads differs"));
         }
     }
-    Ok(tally.finding("images", "line and count, 1 against 2, 1000 and 1024"))
+    Ok(tally.finding("images", "line by 1, 2 and 1000 threads, count by 1, 2 and 1024"))
 }
 
 /// Exact: an address space of 600 MB has no room for the stacks of 1000 threads (2 MB each, 2 GB together), whoever asks for them.

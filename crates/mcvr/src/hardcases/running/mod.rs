@@ -44,7 +44,7 @@ impl Tally {
 }
 
 /// A small picture of a phantom: enough to have something to write.
-const PICTURE: [&str; 7] = ["render", "phantom:lobster@24", "--samples", "2^16", "--size", "200x200", "--quiet"];
+const PICTURE: [&str; 7] = ["render", "phantom:lobster@24", "--samples", "2^16", "--size", "400x400", "--quiet"];
 
 /// Arguments after those of [`PICTURE`].
 fn picture<'a>(more: &[&'a str]) -> Vec<&'a str> {

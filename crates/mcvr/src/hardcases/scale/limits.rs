@@ -196,7 +196,7 @@ fn image_of_16384(context: &Context) -> Result<Finding, CaseError> {
         return Err(format!("{} samples in the pixels, {inside} inside", sum * samples as f64).into());
     }
     let detail = format!("all {inside} samples inside are in the pixels");
-    Ok(Finding::new(ended.anonymous as f64, "bytes", Bound::AtMost(bound as f64)).with(detail))
+    Ok(Finding::new(ended.anonymous()?, "bytes", Bound::AtMost(bound as f64)).with(detail))
 }
 
 /// Whether a refusal was for want of memory on this machine, not for the limit that the case sets.

@@ -31,7 +31,7 @@ pub(super) const CASES: &[Case] = &[
         "voxels-beyond-2^32",
         Cost::Large,
         "an index of 32 bits wraps, and the image shows another place of the scan",
-        "2048³ voxels, mass beyond 2^32 only: every target finds its voxel, the image is that of the same voxels alone",
+        "2048 × 2048 × 1088 voxels, mass beyond 2^32 only: every target finds its voxel, the image is that of the same voxels alone",
         voxels_beyond,
     ),
 ];
@@ -98,19 +98,19 @@ fn mapped(context: &Context, dims: [usize; 3], patience: Duration) -> Result<Fin
         return Err(format!("under a limit of {} MiB: {}", bound / MIB, ended.last_words()).into());
     }
     let detail = format!("{} MiB of voxels, a million samples; the same limit was enforced (ulimit -d)", voxels / MIB);
-    Ok(Finding::new(ended.anonymous as f64, "bytes", Bound::AtMost(bound as f64)).with(detail))
+    Ok(Finding::new(ended.anonymous()?, "bytes", Bound::AtMost(bound as f64)).with(detail))
 }
 
-/// Exact: `dims` are 2048³ and all mass lies in the upper half, from index 2^32 on. Targets that lie at both ends of every voxel's range
+/// Exact: all mass lies in the last 16 of 1088 layers of 2^22 voxels, and the first 1024 layers hold 2^32. Targets that lie at both ends of every voxel's range
 /// must find that voxel, by its 64-bit index. Then an image of `count` must be, bit for bit, that of a volume of the occupied
 /// layers alone under the same camera: both distributions hold the same weights in the same order, so equal targets find equal
 /// voxels; the camera is parallel and looks along z, so that the other z of the alone layers does not show.
 fn voxels_beyond(context: &Context) -> Result<Finding, CaseError> {
     let folder = context.folder()?;
-    let (n, layers) = (2048usize, 16usize);
+    let (n, deep, layers) = (2048usize, 1088usize, 16usize);
     let lines: Vec<([usize; 3], Vec<u8>)> = (0..4096)
         .map(|i| {
-            let at = [(i * 37) % (n - 16), (i * 101) % n, n - layers + i % layers];
+            let at = [(i * 37) % (n - 16), (i * 101) % n, deep - layers + i % layers];
             (at, (0..16u8).map(|v| v % 5).collect())
         })
         .collect();
@@ -123,18 +123,18 @@ fn voxels_beyond(context: &Context) -> Result<Finding, CaseError> {
         })
         .collect();
     let (whole, alone) = (folder.path().join("whole.raw"), folder.path().join("alone.raw"));
-    sparse(&whole, [n; 3], &lines).map_err(|e| match e {
-        CaseError::Failed(e) => CaseError::Impossible(format!("no room for a sparse scan of 8 GiB: {e}")),
+    sparse(&whole, [n, n, deep], &lines).map_err(|e| match e {
+        CaseError::Failed(e) => CaseError::Impossible(format!("no room for a sparse scan: {e}")),
         other => other,
     })?;
-    let shifted: Vec<_> = lines.iter().map(|([x, y, z], v)| ([*x, *y, z - (n - layers)], v.clone())).collect();
+    let shifted: Vec<_> = lines.iter().map(|([x, y, z], v)| ([*x, *y, z - (deep - layers)], v.clone())).collect();
     sparse(&alone, [n, n, layers], &shifted)?;
     let open = |path: &Path, dims| -> Result<Density, CaseError> {
         let options = RawOptions { dims: Some(dims), voxel_type: Some(VoxelType::U8), ..RawOptions::default() };
         let volume = load(&path.to_string_lossy(), Some(&options))?.volume;
         Ok(Density::new(&volume, DensityMap::default())?)
     };
-    let whole = open(&whole, [n; 3])?;
+    let whole = open(&whole, [n, n, deep])?;
     let distribution = Distribution::new(&whole, VoxelOrder::Raster)?;
     let (mut wrong, mut before) = (0u64, 0u64);
     let mut indices: Vec<(&u64, &u8)> = weights.iter().filter(|(_, w)| **w > 0).collect();
@@ -151,19 +151,18 @@ fn voxels_beyond(context: &Context) -> Result<Finding, CaseError> {
     if below > 0 {
         return Err(format!("{below} voxels below 2^32: the case is not posed").into());
     }
-    let image = |density: &Density| -> Result<Vec<f64>, CaseError> {
-        let grid = density.volume().grid();
+    let image = |distribution: &Distribution<'_>| -> Result<Vec<f64>, CaseError> {
+        let grid = distribution.density().volume().grid();
         // A span of its own, so that both cameras see the same millimetres.
         let view =
             View { azimuth: 0.0, elevation: 90.0, parallel: true, distance: Some(1e5), fov: Some(1.5), near: None };
         let camera = Camera::look(&view, grid, Extent::new(256, 256)?)?;
-        let distribution = Distribution::new(density, VoxelOrder::Raster)?;
         let options = RenderOptions { estimand: Estimand::Count, ..RenderOptions::default() };
         let stream = mcvr_mc::Stratified::new(1 << 20, 3);
-        Ok(render(&distribution, &stream, &camera, &options, &Watch::default())?.image.values().to_vec())
+        Ok(render(distribution, &stream, &camera, &options, &Watch::default())?.image.values().to_vec())
     };
     let alone = open(&alone, [n, n, layers])?;
-    let (a, b) = (image(&whole)?, image(&alone)?);
+    let (a, b) = (image(&distribution)?, image(&Distribution::new(&alone, VoxelOrder::Raster)?)?);
     let apart = a.iter().zip(&b).filter(|(a, b)| a != b).count() as u64;
     let of = 2 * indices.len() as u64 + 1 + a.len() as u64;
     let detail = format!("{} voxels, the first at {}", indices.len(), indices.first().map_or(0, |(i, _)| **i));

@@ -58,6 +58,11 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         let channels = setup.scenery.effects.look(setup.scenery.volume.grid(), &view.camera)?.channels();
         check_image_memory(view.camera.extent(), channels, &formats)?;
     }
+    let samples = setup.request.samples;
+    // More than the method's own limit is refused for that.
+    if setup.request.method == Method::McQuicksort && samples <= Method::QUICKSORT_LIMIT {
+        process::check_memory(8 * samples, &format!("sorting {samples} samples"))?;
+    }
     let mut records = vec![];
     for Viewpoint { camera, label, words } in &views {
         let begin = if records.is_empty() { start } else { Instant::now() };

@@ -188,7 +188,7 @@ fn image_of_16384(context: &Context) -> Result<Finding, CaseError> {
     let mut file = std::io::BufReader::with_capacity(1 << 20, file);
     std::io::copy(&mut file.by_ref().take(header), &mut std::io::sink())?;
     let (mut sum, mut bytes) = (0.0, vec![0u8; 1 << 20]);
-    for _ in 0..8 * pixels >> 20 {
+    for _ in 0..(8 * pixels) >> 20 {
         file.read_exact(&mut bytes)?;
         sum += bytes.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b)).sum::<f64>();
     }

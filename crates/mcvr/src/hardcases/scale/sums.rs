@@ -9,14 +9,14 @@ use crate::{Method, Request, Scenery, make};
 
 pub(super) const CASES: &[Case] = &[
     case(
-        "full-weights-beyond-2^64",
+        "full-weights-beyond-64-bits",
         Cost::Quick,
         "fixed-point weights of 40 bits overflow 64 bits from 2^24 samples in a pixel on",
         "the pixel's line integral within the rounding of one weight, 2^-37",
         full_weights,
     ),
     case(
-        "counts-beyond-2^32",
+        "counts-beyond-32-bits",
         Cost::Large,
         "a pixel's count of 32 bits wraps, and 2^32 + 2^20 samples look like 2^20",
         "one pixel holds every one of 2^32 + 2^20 samples",

@@ -28,7 +28,7 @@ pub(super) const CASES: &[Case] = &[
         |context| mapped(context, [2048, 2048, 1024], Duration::from_secs(300)),
     ),
     case(
-        "voxels-beyond-2^32",
+        "voxels-beyond-32-bits",
         Cost::Large,
         "an index of 32 bits wraps, and the image shows another place of the scan",
         "2048 × 2048 × 1088 voxels, mass beyond 2^32 only: every target finds its voxel, the image is that of the same voxels alone",

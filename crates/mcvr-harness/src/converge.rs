@@ -9,7 +9,9 @@ use serde::Serialize;
 
 use crate::images::Pictures;
 use crate::record::{RecordLog, write_csv};
-use crate::{Comparison, HarnessError, Method, Record, RecordKey, Rendered, RunSummary, TruthSummary, folder, summary};
+use crate::{
+    Claim, Comparison, HarnessError, Method, Record, RecordKey, Rendered, RunSummary, TruthSummary, folder, summary,
+};
 
 /// Sample counts of the report's Figures a to f.
 pub const SERIES: [u64; 6] = [31_250, 62_500, 125_000, 250_000, 500_000, 1_000_000];
@@ -116,23 +118,42 @@ pub fn converge(
     let own = Comparison::of(&truth.image, &truth.image)?;
     options.check(methods)?;
     check_truth(truth, &own)?;
-    let out = &options.out;
-    std::fs::create_dir_all(out).map_err(|e| HarnessError::file(out, e))?;
-    let hash = folder::sha256(&truth.image);
-    folder::claim(out, &options.meta, folder::fingerprint(&options.meta, options.seed, &truth.image, &hash))?;
-    let (log, records) = RecordLog::open(&out.join("records.jsonl"))?;
-    let pictures = Pictures::new(out, &truth.image);
-    pictures.write_truth()?;
-    let mut run = Run { methods, truth, own, hash, options, watch, pictures, log, records };
-    let outcome = match run.measure() {
-        // A method that watches the same flag may give up in the middle of an image.
-        Err(HarnessError::Method { .. }) if watch.cancel.load(Ordering::Relaxed) => Ok(()),
-        outcome => outcome,
-    };
-    let summary = run.summary();
-    run.write_tables()?;
-    crate::output::write_all(&summary)?;
-    outcome.map(|()| summary)
+    let claim = Claim::lay(options, truth.image.extent())?;
+    claim.confirm(options, truth)?;
+    claim.converge(methods, truth, options, watch)
+}
+
+impl Claim {
+    /// [`converge`] in this folder, after [`Claim::confirm`].
+    ///
+    /// # Errors
+    /// As [`converge`].
+    pub fn converge(
+        self,
+        methods: &[&dyn Method],
+        truth: &Truth,
+        options: &ConvergeOptions,
+        watch: RunWatch<'_>,
+    ) -> Result<RunSummary, HarnessError> {
+        let own = Comparison::of(&truth.image, &truth.image)?;
+        options.check(methods)?;
+        check_truth(truth, &own)?;
+        let Self { log, records } = self;
+        let out = &options.out;
+        let hash = folder::sha256(&truth.image);
+        let pictures = Pictures::new(out, &truth.image);
+        pictures.write_truth()?;
+        let mut run = Run { methods, truth, own, hash, options, watch, pictures, log, records };
+        let outcome = match run.measure() {
+            // A method that watches the same flag may give up in the middle of an image.
+            Err(HarnessError::Method { .. }) if watch.cancel.load(Ordering::Relaxed) => Ok(()),
+            outcome => outcome,
+        };
+        let summary = run.summary();
+        let written = run.write_tables().and_then(|()| crate::output::write_all(&summary));
+        // The first thing that went wrong is the one to report.
+        outcome.and(written).map(|()| summary)
+    }
 }
 
 impl ConvergeOptions {
@@ -171,6 +192,14 @@ impl ConvergeOptions {
                 methods.len(),
                 self.replicates,
                 Self::IMAGES_LIMIT
+            ));
+        }
+        let work: u128 = self.samples.iter().chain(&self.series).map(|&m| u128::from(m)).sum();
+        if work * (methods.len() as u128) * u128::from(self.replicates) >= 1 << 63 {
+            return options(format!(
+                "{work} samples for each of {} replicates and {} methods: 2^63 or more in all",
+                self.replicates,
+                methods.len()
             ));
         }
         Ok(())
@@ -232,7 +261,7 @@ impl Run<'_> {
     /// Runs all jobs that are not recorded yet.
     fn measure(&mut self) -> Result<(), HarnessError> {
         let groups = self.groups();
-        let total = groups.iter().flatten().fold(0, |sum: u64, j| sum.saturating_add(j.samples));
+        let total = groups.iter().flatten().map(|j| j.samples).sum();
         let mut known: HashSet<RecordKey> = self.records.iter().map(Record::key).collect();
         let (mut done, mut warm) = (0, HashSet::new());
         for group in &groups {

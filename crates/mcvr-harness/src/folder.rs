@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use mcvr_scene::Image;
+use mcvr_scene::{Extent, Image};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -25,12 +25,12 @@ const FORMAT: u32 = 1;
 
 /// Settings that decide what a record means. Command and source revision are not among them: a resumed run may ask
 /// for more sample counts, and every record names its own revision.
-pub(crate) fn fingerprint(meta: &RunMeta, seed: u64, truth: &Image, sha256: &str) -> BTreeMap<String, String> {
+pub(crate) fn fingerprint(meta: &RunMeta, seed: u64, extent: Extent, sha256: &str) -> BTreeMap<String, String> {
     [
         ("dataset", meta.dataset.clone()),
         ("density", meta.density.clone()),
         ("view", meta.view.clone()),
-        ("size", truth.extent().to_string()),
+        ("size", extent.to_string()),
         ("kernel", meta.kernel.name().to_owned()),
         ("estimand", meta.estimand.name().to_owned()),
         ("seed", seed.to_string()),
@@ -48,15 +48,25 @@ pub(crate) fn fingerprint(meta: &RunMeta, seed: u64, truth: &Image, sha256: &str
 /// # Errors
 /// [`HarnessError::OtherRun`] naming every setting that differs; [`HarnessError::File`] when the header is unreadable.
 pub(crate) fn claim(folder: &Path, meta: &RunMeta, fingerprint: BTreeMap<String, String>) -> Result<(), HarnessError> {
+    if check(folder, &fingerprint)? {
+        return Ok(());
+    }
+    let path = folder.join("run.json");
+    let meta = serde_json::to_value(meta).map_err(|e| HarnessError::file(&path, e))?;
+    let header = Header { format: FORMAT, fingerprint, meta };
+    let text = serde_json::to_vec_pretty(&header).map_err(|e| HarnessError::file(&path, e))?;
+    write_file(&path, &text)
+}
+
+/// Whether a folder has a header, which must then agree with each of these settings.
+///
+/// # Errors
+/// As [`claim`].
+pub(crate) fn check(folder: &Path, fingerprint: &BTreeMap<String, String>) -> Result<bool, HarnessError> {
     let path = folder.join("run.json");
     let found: Header = match std::fs::read(&path) {
         Ok(bytes) => serde_json::from_slice(&bytes).map_err(|e| HarnessError::file(&path, e))?,
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
-            let meta = serde_json::to_value(meta).map_err(|e| HarnessError::file(&path, e))?;
-            let header = Header { format: FORMAT, fingerprint, meta };
-            let text = serde_json::to_vec_pretty(&header).map_err(|e| HarnessError::file(&path, e))?;
-            return write_file(&path, &text);
-        }
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(false),
         Err(e) => return Err(HarnessError::file(&path, e)),
     };
     if found.format != FORMAT {
@@ -69,14 +79,31 @@ pub(crate) fn claim(folder: &Path, meta: &RunMeta, fingerprint: BTreeMap<String,
         .map(|(k, v)| format!("{k}: '{}' there, '{}' now", short(found.fingerprint.get(k)), short(Some(v))))
         .collect();
     if differences.is_empty() {
-        Ok(())
+        Ok(true)
     } else {
         Err(HarnessError::OtherRun { path, differences: differences.join("; ") })
     }
 }
 
+/// Removes what a killed run left half written. Only for a folder that is locked: nobody else is writing there.
+///
+/// # Errors
+/// [`HarnessError::File`] when the folder cannot be read or a file not removed.
+pub(crate) fn tidy(folder: &Path) -> Result<(), HarnessError> {
+    for folder in [folder.to_owned(), folder.join("images")].into_iter().filter(|f| f.is_dir()) {
+        for entry in std::fs::read_dir(&folder).map_err(|e| HarnessError::file(&folder, e))? {
+            let path = entry.map_err(|e| HarnessError::file(&folder, e))?.path();
+            let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+            if name.starts_with(".mcvr-") && name.ends_with(".tmp") {
+                std::fs::remove_file(&path).map_err(|e| HarnessError::file(&path, e))?;
+            }
+        }
+    }
+    Ok(())
+}
+
 /// SHA-256 of an image's size and values, in hexadecimal.
-pub(crate) fn sha256(image: &Image) -> String {
+pub fn sha256(image: &Image) -> String {
     let mut hash = Sha256::new();
     hash.update(image.extent().to_string());
     for v in image.values() {

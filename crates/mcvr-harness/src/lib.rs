@@ -5,6 +5,7 @@
 //! into one folder, from which an interrupted run resumes. Terms follow METHOD sections 4, 6 and 7.
 
 mod chart;
+mod claim;
 pub mod compare;
 pub mod converge;
 mod error;
@@ -23,10 +24,12 @@ pub mod record;
 mod report;
 pub mod summary;
 
+pub use claim::Claim;
 pub use compare::{FileComparison, compare_files};
 pub use converge::{ConvergeOptions, RunMeta, RunWatch, Truth, converge};
 pub use error::HarnessError;
 pub use fit::SlopeFit;
+pub use folder::sha256;
 pub use images::{SeriesImage, difference_scale, write_difference};
 pub use machine::{git_commit, machine};
 pub use method::{Method, MethodError, PhaseSeconds, Rendered};

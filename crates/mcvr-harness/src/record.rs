@@ -241,22 +241,12 @@ const COLUMNS: [&str; 28] = [
     "machine",
 ];
 
-/// Replaces a file by writing beside it and renaming, so that it is whole or unchanged.
+/// Writes a file that is whole or unchanged.
 ///
 /// # Errors
 /// [`HarnessError::File`] when the folder is missing or not writable, or the disk is full.
 pub(crate) fn write_file(path: &Path, bytes: &[u8]) -> Result<(), HarnessError> {
-    let fail = |e: std::io::Error| HarnessError::file(path, e);
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut beside = tempfile::Builder::new().prefix(".mcvr-").suffix(".tmp").tempfile_in(folder).map_err(fail)?;
-    beside.write_all(bytes).map_err(fail)?;
-    #[cfg(unix)]
-    {
-        // Temporary files are private; results get the mode of a file made under the usual umask.
-        use std::os::unix::fs::PermissionsExt;
-        beside.as_file().set_permissions(std::fs::Permissions::from_mode(0o644)).map_err(fail)?;
-    }
-    beside.persist(path).map(|_| ()).map_err(|e| fail(e.error))
+    mcvr_volume::write_whole(path, |out| out.write_all(bytes)).map_err(|e| HarnessError::file(path, e))
 }
 
 #[cfg(test)]

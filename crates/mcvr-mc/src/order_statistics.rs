@@ -15,29 +15,61 @@ use rand_distr::{Exp1, Gamma};
 pub struct OrderStatistics {
     samples: u64,
     seed: u64,
-    /// Sum of the spacings up to and including each block, over the sum of all: the block's last target.
-    ends: Vec<f64>,
+    /// Sum of the spacings before every `stride`-th block.
+    sums: Vec<f64>,
+    /// Blocks from one kept sum to the next; those between are drawn again where they are needed.
+    stride: u64,
+    /// Sum of all spacings.
+    whole: f64,
 }
+
+/// Most sums that are kept (4 MiB): all of them up to 2^30 samples.
+const KEPT: u64 = 1 << 19;
 
 impl OrderStatistics {
     /// A stream of `samples` points.
     pub fn new(samples: u64, seed: u64) -> Self {
         let blocks = block_count(samples);
+        let stride = blocks.div_ceil(KEPT);
+        let mut stream =
+            Self { samples, seed, sums: Vec::with_capacity(blocks.div_ceil(stride) as usize), stride, whole: 0.0 };
         let mut sum = 0.0;
-        let mut ends: Vec<f64> = (0..blocks)
-            .map(|block| {
-                let mut rng = keyed(seed, Purpose::Blocks, block);
-                let len = block_len(samples, block) as f64;
-                // A Gamma's shape and scale here are positive, which is all that can go wrong.
-                let spacing: f64 = Gamma::new(len, 1.0).map_or(len, |gamma| rng.sample(gamma));
-                sum += spacing;
-                sum
-            })
-            .collect();
+        for block in 0..blocks {
+            if block.is_multiple_of(stride) {
+                stream.sums.push(sum);
+            }
+            sum += stream.spacing(block);
+        }
         let last: f64 = keyed(seed, Purpose::Blocks, blocks).sample(Exp1);
-        let whole = sum + last;
-        ends.iter_mut().for_each(|e| *e /= whole);
-        Self { samples, seed, ends }
+        stream.whole = sum + last;
+        stream
+    }
+
+    /// Bytes that a stream of so many samples keeps.
+    pub fn bytes(samples: u64) -> u64 {
+        let blocks = block_count(samples);
+        8 * blocks.div_ceil(blocks.div_ceil(KEPT).max(1))
+    }
+
+    /// Sum of a block's spacings.
+    fn spacing(&self, block: u64) -> f64 {
+        let len = block_len(self.samples, block) as f64;
+        // A Gamma's shape and scale here are positive, which is all that can go wrong.
+        Gamma::new(len, 1.0).map_or(len, |gamma| keyed(self.seed, Purpose::Blocks, block).sample(gamma))
+    }
+
+    /// Sums of the spacings before a block and up to its end, over the sum of all. Added in the one order, so that a sum has
+    /// the same bits whether it was kept or is made again.
+    fn ends(&self, block: u64) -> [f64; 2] {
+        let mut sum = self.sums[(block / self.stride) as usize];
+        for before in block - block % self.stride..block {
+            sum += self.spacing(before);
+        }
+        let end = match (block + 1).is_multiple_of(self.stride) {
+            true => self.sums.get(((block + 1) / self.stride) as usize).copied(),
+            false => None,
+        };
+        [sum, end.unwrap_or_else(|| sum + self.spacing(block))].map(|s| s / self.whole)
     }
 }
 
@@ -57,8 +89,7 @@ impl PointStream for OrderStatistics {
             sum += *t;
             *t = sum;
         }
-        let low = if block == 0 { 0.0 } else { self.ends[block as usize - 1] };
-        let high = self.ends[block as usize];
+        let [low, high] = self.ends(block);
         let total = total as f64;
         let (offset, scale) = (low * total, (high - low) * total / sum.max(1) as f64);
         // The next float below is at most the exact total less one, whichever way the total was rounded.
@@ -89,6 +120,21 @@ mod tests {
             let t = targets(samples, 11, total);
             assert_eq!(t.len() as u64, samples);
             assert!(t.windows(2).all(|w| w[0] <= w[1]) && t.iter().all(|&t| t < total), "{samples} {total}");
+        }
+    }
+
+    #[test]
+    fn sums_made_again_have_the_bits_of_kept_ones() {
+        let samples = 20_000;
+        let all = OrderStatistics::new(samples, 5);
+        assert_eq!(all.stride, 1);
+        for stride in [2, 3, 7] {
+            let sums = all.sums.iter().copied().step_by(stride).collect();
+            let some = OrderStatistics { sums, stride: stride as u64, ..all.clone() };
+            assert!((0..block_count(samples)).all(|b| some.ends(b) == all.ends(b)), "{stride}");
+        }
+        for samples in [1, 1 << 30, (1 << 30) + 1, 1 << 40] {
+            assert!((8..=8 * KEPT).contains(&OrderStatistics::bytes(samples)), "{samples}");
         }
     }
 

@@ -2,6 +2,7 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use crate::SamplingError;
 use crate::real::Weights;
 
 /// Bytes that private copies may take together before workers share one.
@@ -18,10 +19,22 @@ pub(crate) struct Totals {
 
 impl Totals {
     /// Sums for `pixels` pixels and the two places for samples in none of them.
-    pub(crate) fn new(pixels: usize, workers: usize) -> Self {
+    ///
+    /// # Errors
+    /// [`SamplingError::Limit`] when there is no memory for them.
+    pub(crate) fn new(pixels: usize, workers: usize) -> Result<Self, SamplingError> {
         let slots = pixels + 2;
-        let private = slots * size_of::<u64>() * workers <= PRIVATE_BYTES;
-        Self { sums: (0..slots).map(|_| AtomicU64::new(0)).collect(), private }
+        let bytes = slots * size_of::<u64>();
+        let private = bytes * workers <= PRIVATE_BYTES;
+        let mut sums = Vec::new();
+        sums.try_reserve_exact(slots).map_err(|_| SamplingError::Limit {
+            method: "image",
+            problem: format!(
+                "the sums of its pixels take {bytes} bytes, which are not to be had; ask for fewer pixels"
+            ),
+        })?;
+        sums.resize_with(slots, || AtomicU64::new(0));
+        Ok(Self { sums, private })
     }
 
     fn add(&self, pixel: u32, amount: u64) {
@@ -154,7 +167,7 @@ mod tests {
         let wide = Weights { wide: vec![10u64, 1 << 40, 2, 3, 100, 200], ..Weights::default() };
         let narrow = Weights { narrow: vec![10, 1 << 20, 2, 3, 100, 200], ..Weights::default() };
         let run = |private: bool, weights: &Weights| {
-            let mut totals = Totals::new(4, 2);
+            let mut totals = Totals::new(4, 2).expect("memory");
             totals.private = private;
             for _ in 0..2 {
                 let mut w = totals.worker(!std::ptr::eq(weights, &none));

@@ -81,7 +81,7 @@ impl<'a> Distribution<'a> {
         let layout = AnyLayout::new(order, volume.grid().dims())?;
         let weights = UnitWeights::of(density);
         let (mut before, tally) = with_layout!(&layout, l => with_voxels!(volume.voxels(), v =>
-            with_units!(&weights, density, u => brick_totals(l, &v[..], u, frustum))));
+            with_units!(&weights, density, u => brick_totals(l, &v[..], u, frustum))))?;
         let bricks = before.len() as u64;
         let empty_bricks = before.iter().filter(|t| **t == 0).count() as u64 - tally.beside - tally.near;
         let mut sum = 0u64;
@@ -221,9 +221,13 @@ fn brick_totals<T: mcvr_volume::Voxel, U: crate::units::Units<T>>(
     voxels: &[T],
     units: U,
     frustum: Option<&Frustum>,
-) -> (Vec<u64>, BrickTally) {
+) -> Result<(Vec<u64>, BrickTally), SamplingError> {
     // Room for the grand total at the end, so that adding it does not double the memory.
-    let mut totals = Vec::with_capacity(layout.bricks() + 1);
+    let mut totals = Vec::new();
+    totals.try_reserve_exact(layout.bricks() + 1).map_err(|_| SamplingError::Limit {
+        method: "distribution",
+        problem: format!("{} sums of bricks take 8 bytes each, which are not to be had", layout.bricks()),
+    })?;
     totals.resize(layout.bricks(), 0u64);
     let tally = totals
         .par_chunks_mut(256)
@@ -257,7 +261,7 @@ fn brick_totals<T: mcvr_volume::Voxel, U: crate::units::Units<T>>(
             near: a.near + b.near,
             near_units: a.near_units + b.near_units,
         });
-    (totals, tally)
+    Ok((totals, tally))
 }
 
 #[cfg(test)]

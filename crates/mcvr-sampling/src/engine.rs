@@ -275,7 +275,7 @@ impl Exposure<'_> {
         let line = estimand == Estimand::Line;
         let blocks = block_count(samples);
         let workers = (rayon::current_num_threads() as u64).min(blocks.div_ceil(TAKE)) as usize;
-        let totals = Totals::new(channels.number * camera.extent().pixels(), workers);
+        let totals = Totals::new(channels.number * camera.extent().pixels(), workers)?;
         let next = AtomicU64::new(0);
         let sum = Mutex::new((Counters::default(), [0.0f64; 2]));
         (0..workers).into_par_iter().with_max_len(1).for_each(|_| {

@@ -374,6 +374,26 @@ mod tests {
         }
     }
 
+    /// The proof that pixel sums hold: whatever the number of samples and the precision, all of them with the largest weight in one
+    /// pixel stay below 2^63; and so do the amounts of effects, which are weights times factors up to 1.
+    #[test]
+    fn no_number_of_samples_overflows_a_sum_of_weights() {
+        let grid = Grid::with_spacing([30, 20, 10], [1.0, 1.5, 2.0]).expect("a grid");
+        let camera = Camera::look(&View::default(), &grid, Extent::new(64, 48).expect("a size")).expect("a camera");
+        for exponent in 0..=40u32 {
+            for samples in [(1u64 << exponent) - 1, 1 << exponent, (1 << exponent) + 1] {
+                if !(1..=crate::stream::MAX_SAMPLES).contains(&samples) {
+                    continue;
+                }
+                for precision in [Precision::F32, Precision::F64] {
+                    let p = Projection::new(&grid, &camera, Kernel::Tent, samples, Some(precision)).expect("ok");
+                    assert!(u128::from(samples) << p.weight_bits() < 1 << 63, "{samples} {precision:?}");
+                    assert!(p.weight_bits() >= 21, "{samples} {precision:?}");
+                }
+            }
+        }
+    }
+
     #[test]
     fn weights_are_the_cameras_line_factors() {
         let grid = Grid::with_spacing([30, 20, 10], [1.0, 1.5, 2.0]).expect("a grid");

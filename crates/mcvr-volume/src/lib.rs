@@ -21,6 +21,7 @@ mod grid;
 mod phantom;
 mod stats;
 mod volume;
+mod whole;
 
 pub use error::VolumeError;
 pub use formats::{Endian, FileFormat, Loaded, RawOptions, load, open, write_metaimage, write_nrrd};
@@ -29,3 +30,4 @@ pub use phantom::{Ellipsoid, Phantom};
 pub use stats::{HISTOGRAM_BINS, Summary, byte_order_suspicion};
 pub use volume::Volume;
 pub use voxel::{Buffer, Voxel, VoxelType, Voxels};
+pub use whole::{check_writable, write_whole};

@@ -149,6 +149,10 @@ impl MakeError {
 /// [`MakeError`] when the scene is unusable, a limit is exceeded, or `watch` cancels.
 pub fn make(scenery: &Scenery, request: &Request, watch: &Watch<'_>) -> Result<Made, MakeError> {
     let start = Instant::now();
+    if request.method.samples_volume() {
+        // Before the volume is read.
+        check(request)?;
+    }
     let density = Density::new(&scenery.volume, scenery.map.clone())?;
     let mut made = if request.method.samples_volume() {
         sampled(&density, scenery, request, watch, start)?
@@ -166,7 +170,6 @@ fn sampled(
     watch: &Watch<'_>,
     start: Instant,
 ) -> Result<Made, MakeError> {
-    check(request)?;
     let camera = &scenery.camera;
     let look = scenery.effects.look(density.volume().grid(), camera)?;
     let order = request.order.resolve(camera, density.volume().grid());

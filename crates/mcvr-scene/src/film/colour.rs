@@ -17,7 +17,8 @@ use crate::{Extent, SceneError};
 /// # Errors
 /// [`SceneError::File`] when the channels differ in size, the folder is missing or not writable, or the disk is full.
 pub fn write_colour(channels: &[Image; 3], path: &Path, format: ImageFormat, tone: &Tone) -> Result<(), SceneError> {
-    write_colour_within(channels, path, format, tone, tone.limits(&largest(channels)))
+    let limits = if format.is_linear() { [0.0, 1.0] } else { tone.limits(&largest(channels)) };
+    write_colour_within(channels, path, format, tone, limits)
 }
 
 /// Writes red, green and blue with the tone between given limits of the largest channel.

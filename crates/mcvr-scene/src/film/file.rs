@@ -1,4 +1,4 @@
-//! Image files. Values are written beside the target and renamed, so a file is whole or absent.
+//! Image files, whole or absent.
 
 use std::fs::File;
 use std::io::{BufWriter, Seek, Write};
@@ -57,7 +57,9 @@ pub(super) fn fail(path: &Path, problem: impl ToString) -> SceneError {
 /// # Errors
 /// [`SceneError::File`] when the folder is missing or not writable, or the disk is full.
 pub fn write(image: &Image, path: &Path, format: ImageFormat, tone: &Tone) -> Result<(), SceneError> {
-    write_within(image, path, format, tone, tone.limits(image))
+    // Linear formats have no tone, and limits take an order of all pixels.
+    let limits = if format.is_linear() { [0.0, 1.0] } else { tone.limits(image) };
+    write_within(image, path, format, tone, limits)
 }
 
 /// Writes an image with its tone between given limits instead of the tone's percentiles: images of a series are
@@ -151,30 +153,15 @@ fn write_npy(image: &Image, out: &mut impl Write) -> Result<(), String> {
     writer.extend(image.values().iter().copied()).and_then(|()| writer.finish()).map_err(|e| e.to_string())
 }
 
-/// Writes a file by `fill` into a temporary one in the same folder, then renames it over the target: whatever goes
-/// wrong, the target is whole or as it was.
+/// [`mcvr_volume::write_whole`]: whatever goes wrong, the target is whole or as it was.
 ///
 /// # Errors
 /// [`SceneError::File`] with what `fill` or the operating system said.
-pub fn write_whole<E: std::fmt::Display>(
+pub fn write_whole<E: Into<Box<dyn std::error::Error + Send + Sync>>>(
     path: &Path,
     fill: impl FnOnce(&mut BufWriter<&File>) -> Result<(), E>,
 ) -> Result<(), SceneError> {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut builder = tempfile::Builder::new();
-    // Temporary files are private by default; this one becomes an ordinary file, less what the umask takes.
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-    let temporary = builder
-        .prefix(".mcvr-")
-        .suffix(".tmp")
-        .tempfile_in(folder)
-        .map_err(|e| fail(path, format!("cannot write into '{}': {e}", folder.display())))?;
-    let mut out = BufWriter::with_capacity(1 << 18, temporary.as_file());
-    fill(&mut out).map_err(|e| fail(path, e))?;
-    out.flush().map_err(|e| fail(path, e))?;
-    drop(out);
-    temporary.persist(path).map(drop).map_err(|e| fail(path, e.error))
+    mcvr_volume::write_whole(path, fill).map_err(|e| fail(path, e))
 }
 
 /// What is said of images of three different channels.

@@ -51,14 +51,14 @@ impl Default for Tone {
 impl Tone {
     /// Values at which the curve starts and ends for this image. A flat image gets a window of width > 0.
     pub fn limits(&self, image: &Image) -> [f64; 2] {
-        let mut sorted: Vec<f64> = image.values().iter().copied().filter(|v| v.is_finite()).collect();
-        sorted.sort_unstable_by(f64::total_cmp);
-        let at = |percent: f64| match sorted.len() {
-            0 => 0.0,
-            n => sorted[((percent / 100.0) * (n - 1) as f64).round().clamp(0.0, (n - 1) as f64) as usize],
+        let mut values: Vec<f64> = image.values().iter().copied().filter(|v| v.is_finite()).collect();
+        let last = values.len().saturating_sub(1);
+        let mut at = |percent: f64| {
+            let rank = ((percent / 100.0) * last as f64).round().clamp(0.0, last as f64) as usize;
+            if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(rank, f64::total_cmp).1 }
         };
         let (low, high) = (at(self.window[0]), at(self.window[1]));
-        if high > low { [low, high] } else { [low, sorted.last().copied().unwrap_or(0.0).max(low + 1e-300)] }
+        if high > low { [low, high] } else { [low, at(100.0).max(low + 1e-300)] }
     }
 
     /// Grey levels in 0..=1 between the given limits.

@@ -2,13 +2,12 @@
 //!
 //! Both pad the header so that the voxels begin at a multiple of 16 bytes and can be mapped in place when read.
 
-use std::fs::File;
-use std::io::{self, BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::io::{self, Write};
+use std::path::Path;
 
 use glam::DVec3;
 
-use crate::{Volume, VolumeError, Voxel, VoxelType};
+use crate::{Volume, VolumeError, Voxel, VoxelType, write_whole};
 
 /// Alignment (bytes) of the first voxel in a written file.
 const ALIGN: usize = 16;
@@ -107,29 +106,13 @@ fn one_line(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).take(200).collect()
 }
 
-/// Writes header and voxels to a temporary file beside `path`, then renames it.
+/// Writes header and voxels; the file is whole or absent.
 fn write_file(path: &Path, header: &str, volume: &Volume, voxel_type: VoxelType) -> Result<(), VolumeError> {
-    let io = |source| VolumeError::Io { path: path.to_path_buf(), source };
-    let temporary = temporary_path(path).map_err(io)?;
-    let written = File::create(&temporary).and_then(|file| {
-        let mut out = BufWriter::with_capacity(1 << 20, file);
+    let written = write_whole(path, |out| {
         out.write_all(header.as_bytes())?;
-        write_voxels(&mut out, volume, voxel_type)?;
-        out.flush()
+        write_voxels(out, volume, voxel_type)
     });
-    written.and_then(|()| std::fs::rename(&temporary, path)).map_err(|e| {
-        // The first error is the one to report.
-        let _ = std::fs::remove_file(&temporary);
-        io(e)
-    })
-}
-
-fn temporary_path(path: &Path) -> io::Result<PathBuf> {
-    let name = path.file_name().ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "not a file name"))?;
-    let mut temporary = std::ffi::OsString::from(".");
-    temporary.push(name);
-    temporary.push(format!(".{}.tmp", std::process::id()));
-    Ok(path.with_file_name(temporary))
+    written.map_err(|source| VolumeError::Io { path: path.to_path_buf(), source })
 }
 
 fn write_voxels(out: &mut impl Write, volume: &Volume, voxel_type: VoxelType) -> io::Result<()> {

@@ -1,6 +1,6 @@
 //! Groups of arguments that several commands share.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use mcvr::Method;
@@ -39,6 +39,13 @@ pub struct VolumeArgs {
     /// Millimetres per voxel along x, y and z; replaces the file's own
     #[arg(long, value_name = "X,Y,Z", value_parser = numbers::spacing)]
     pub spacing: Option<[f64; 3]>,
+}
+
+impl VolumeArgs {
+    /// The input as a file.
+    pub fn file(&self) -> Option<&Path> {
+        self.input.as_deref().map(Path::new)
+    }
 }
 
 /// How isovalues become weights.
@@ -159,6 +166,13 @@ pub struct ImageArgs {
     pub effects: EffectArgs,
     #[command(flatten)]
     pub film: FilmArgs,
+}
+
+impl ImageArgs {
+    /// All files that are read.
+    pub fn inputs(&self) -> [Option<&Path>; 3] {
+        [self.volume.file(), self.method.scene.as_deref(), self.view.matrix.as_deref()]
+    }
 }
 
 /// How PNG files are toned; other formats hold linear values.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use serde_json::json;
 
+use super::outputs;
 use super::render::write_json;
 
 #[derive(clap::Args)]
@@ -24,18 +25,19 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<()> {
+    outputs::check(args.difference.iter().chain(&args.json), &[Some(&args.image), Some(&args.reference)])?;
     let result = mcvr::harness::compare_files(&args.image, &args.reference, args.difference.as_deref())?;
     if let Some(path) = &args.json {
         write_json(
             path,
             &json!({
-                "image": args.image, "reference": args.reference,
+                "image": args.image.display().to_string(), "reference": args.reference.display().to_string(),
                 "comparison": result.comparison, "difference_scale": result.difference_scale,
             }),
         )?;
     }
     if args.json.as_deref() != Some("-".as_ref()) {
-        writeln!(std::io::stdout(), "{}", result.comparison)?;
+        writeln!(outputs::stdout(), "{}", result.comparison)?;
     }
     Ok(())
 }

@@ -1,13 +1,14 @@
 //! `mcvr converge`, and the tour that runs without a command.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::{Context, bail};
-use mcvr::harness::{self, ConvergeOptions, RunMeta, RunSummary, RunWatch, Truth};
+use mcvr::harness::{self, Claim, ConvergeOptions, RunMeta, RunSummary, RunWatch, Truth};
 use mcvr::sampling::check_samples;
 use mcvr::scene::film;
-use mcvr::scene::{Density, Watch};
+use mcvr::scene::{Density, Extent, Watch};
 use mcvr::{Measured, Method, Request, make};
 use serde_json::{Value, json};
 
@@ -15,7 +16,7 @@ use super::args::{BudgetArgs, DensityArgs, MethodArgs, ToneArgs, ViewArgs, Volum
 use super::effect_args::EffectArgs;
 use super::render::write_json;
 use super::setup::{Setup, setup};
-use super::{Interrupted, numbers, progress};
+use super::{Interrupted, numbers, outputs, process, progress};
 
 #[derive(clap::Args, Default)]
 #[command(after_help = "Examples:\n  \
@@ -74,7 +75,7 @@ pub fn demo(quiet: bool) -> anyhow::Result<()> {
         ..Args::default()
     };
     if !quiet {
-        eprintln!("Measuring Monte Carlo, stratified, quasi-Monte Carlo and a ray march on an embedded phantom.");
+        say!("Measuring Monte Carlo, stratified, quasi-Monte Carlo and a ray march on an embedded phantom.");
     }
     run(&args, quiet)
 }
@@ -85,8 +86,8 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         "none" => vec![],
         list => numbers::counts(list).map_err(anyhow::Error::msg).context("--series")?,
     };
-    for &count in samples.iter().chain(&series) {
-        check_samples(count)?;
+    if args.methods.iter().any(|m| m.samples_volume()) {
+        samples.iter().chain(&series).try_for_each(|&m| check_samples(m))?;
     }
     if args.methods.contains(&Method::Exact) {
         bail!("--methods: exact is the truth that the others are measured against");
@@ -106,12 +107,14 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     }
     setup.check_effects()?;
     if setup.film.is_transmission() && !quiet {
-        eprintln!("mcvr: note: the line integral is measured; the scene's film plays no part");
+        say!("mcvr: note: the line integral is measured; the scene's film plays no part");
     }
     for note in setup.notes.iter().filter(|_| !quiet) {
-        eprintln!("mcvr: note: {note}");
+        say!("mcvr: note: {note}");
     }
-    let cancel = progress::interrupt_flag();
+    let (cancel, truth_size) = (progress::interrupt_flag(), truth_size(&setup)?);
+    // Truth, image, difference and what is written of them.
+    process::check_memory(40 * truth_size.pixels() as u64, &format!("comparing images of {truth_size} pixels"))?;
     let density = Density::new(&setup.scenery.volume, setup.scenery.map.clone())?;
     let requests = args.methods.iter().map(|&method| Request { method, ..setup.request });
     let methods: Vec<Measured<'_>> = requests.map(|r| Measured::new(&setup.scenery, r, Some(&*cancel))).collect();
@@ -125,23 +128,32 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         meta: meta(&setup, &density),
     };
     options.check(&methods)?;
-    std::fs::create_dir_all(&args.out).with_context(|| format!("{}", args.out.display()))?;
-    let truth = truth(&setup, density.mass(), &args.out, &cancel, quiet)?;
-    let summary = measure(&methods, &truth, &options, &cancel, quiet)?;
+    let claim = Claim::lay(&options, truth_size)?;
+    let truth = truth(&setup, density.mass(), &options, &claim, &cancel, quiet)?;
+    let summary = measure(claim, &methods, &truth, &options, &cancel, quiet)?;
     if cancel.load(Ordering::Relaxed) {
-        eprintln!("mcvr: finished records are kept in {}; the same command resumes", args.out.display());
+        say!("mcvr: finished records are kept in {}; the same command resumes", args.out.display());
         return Err(anyhow::Error::new(Interrupted));
     }
     if !quiet {
-        println!("Report: {}", args.out.join("report.html").display());
+        let mut out = outputs::stdout();
+        writeln!(out, "Report: {}", args.out.join("report.html").display())?;
         for line in harness::key_lines(&summary) {
-            println!("  {line}");
+            writeln!(out, "  {line}")?;
         }
     }
     Ok(())
 }
 
+/// Size of the truth: the image, or three channels of a coloured one, one below the other.
+fn truth_size(setup: &Setup) -> anyhow::Result<Extent> {
+    let camera = &setup.scenery.camera;
+    let channels = setup.scenery.effects.look(setup.scenery.volume.grid(), camera)?.channels();
+    Ok(Extent::new(camera.extent().width, camera.extent().height * channels)?)
+}
+
 fn measure(
+    claim: Claim,
     methods: &[&dyn harness::Method],
     truth: &Truth,
     options: &ConvergeOptions,
@@ -154,7 +166,7 @@ fn measure(
         bar.set_position(done);
         bar.set_message(next.to_owned());
     };
-    let outcome = harness::converge(methods, truth, options, RunWatch { cancel, progress: &report });
+    let outcome = claim.converge(methods, truth, options, RunWatch { cancel, progress: &report });
     bar.finish_and_clear();
     Ok(outcome?)
 }
@@ -191,15 +203,26 @@ fn meta(setup: &Setup, density: &Density) -> RunMeta {
 
 /// The command line as given, paths of folders left out.
 fn command() -> String {
-    let mut words = std::env::args().skip(1).map(|word| match Path::new(&word).file_name() {
-        Some(name) if word.starts_with('/') => name.to_string_lossy().into_owned(),
-        _ => word,
+    let mut words = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).map(|word| {
+        match Path::new(&word).file_name() {
+            Some(name) if word.starts_with('/') => name.to_string_lossy().into_owned(),
+            _ => word,
+        }
     });
     std::iter::once("mcvr".to_owned()).chain(&mut words).collect::<Vec<_>>().join(" ")
 }
 
-/// The reference image: from an earlier run into the same folder if it is the same, else ray cast.
-fn truth(setup: &Setup, mass: f64, out: &Path, cancel: &AtomicBool, quiet: bool) -> anyhow::Result<Truth> {
+/// The reference image: from an earlier run into the same folder if it is the same, else ray cast. Nothing is written before
+/// the folder is known to be this run's.
+fn truth(
+    setup: &Setup,
+    mass: f64,
+    options: &ConvergeOptions,
+    claim: &Claim,
+    cancel: &AtomicBool,
+    quiet: bool,
+) -> anyhow::Result<Truth> {
+    let out = &options.out;
     let (record, image) = (out.join("truth.json"), out.join("truth.npy"));
     let tolerance = setup.request.tolerance;
     let mut key = json!({
@@ -210,6 +233,7 @@ fn truth(setup: &Setup, mass: f64, out: &Path, cancel: &AtomicBool, quiet: bool)
         key["effects"] = json!(setup.scenery.effects);
     }
     if let Some(truth) = stored_truth(&record, &image, &key) {
+        claim.confirm(options, &truth)?;
         return Ok(truth);
     }
     let camera = &setup.scenery.camera;
@@ -225,16 +249,17 @@ fn truth(setup: &Setup, mass: f64, out: &Path, cancel: &AtomicBool, quiet: bool)
     };
     let rel_error_estimate = made.error.context("the reference states no error")?;
     let seconds = made.seconds.projection;
-    let measurable = made.measurable()?.into_owned();
-    film::write(&measurable, &image, film::ImageFormat::Npy, &film::Tone::default())?;
+    let truth = Truth { image: made.measurable()?.into_owned(), rel_error_estimate, seconds };
+    claim.confirm(options, &truth)?;
+    film::write(&truth.image, &image, film::ImageFormat::Npy, &film::Tone::default())?;
     write_json(
         &record,
         &json!({
-            "key": key, "rel_error_estimate": rel_error_estimate, "seconds": seconds,
+            "key": key, "sha256": harness::sha256(&truth.image), "rel_error_estimate": rel_error_estimate, "seconds": seconds,
             "depth_limited_pixels": made.counters["depth_limited"], "counters": made.counters["reference"],
         }),
     )?;
-    Ok(Truth { image: measurable, rel_error_estimate, seconds })
+    Ok(truth)
 }
 
 fn stored_truth(record: &Path, image: &Path, key: &Value) -> Option<Truth> {
@@ -242,8 +267,10 @@ fn stored_truth(record: &Path, image: &Path, key: &Value) -> Option<Truth> {
     if stored["key"] != *key {
         return None;
     }
+    // A run that was killed between the two files left them of different truths.
+    let image = film::read(image).ok().filter(|i| stored["sha256"] == harness::sha256(i))?;
     Some(Truth {
-        image: film::read(image).ok()?,
+        image,
         rel_error_estimate: stored["rel_error_estimate"].as_f64()?,
         seconds: stored["seconds"].as_f64()?,
     })

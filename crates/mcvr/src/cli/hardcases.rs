@@ -8,7 +8,7 @@ use mcvr::hardcases::{self, Case, Context, Cost, Group, Outcome, Verdict, figure
 use mcvr::scene::film;
 use serde_json::{Value, json};
 
-use super::{Interrupted, progress};
+use super::{Interrupted, outputs, progress};
 
 /// Poses the hard cases and prints what was measured beside its bound.
 #[derive(clap::Args)]
@@ -44,6 +44,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
+    outputs::check(&args.out, &[])?;
     let chosen = |c: &&Case| {
         (args.group.is_empty() || args.group.contains(&c.group))
             && (args.words.is_empty() || args.words.iter().any(|w| c.name.contains(w.as_str())))
@@ -100,7 +101,7 @@ fn pose<'a>(cases: &[&'a Case], quiet: bool) -> anyhow::Result<Vec<Posed<'a>>> {
     bar.finish_and_clear();
     std::panic::set_hook(hook);
     if outcomes.len() < cases.len() {
-        print!("{}", plain(&outcomes, 0));
+        write!(outputs::stdout(), "{}", plain(&outcomes, 0))?;
         return Err(anyhow::Error::new(Interrupted));
     }
     Ok(outcomes)
@@ -108,7 +109,7 @@ fn pose<'a>(cases: &[&'a Case], quiet: bool) -> anyhow::Result<Vec<Posed<'a>>> {
 
 fn put(args: &Args, text: &str) -> anyhow::Result<()> {
     match &args.out {
-        None => Ok(std::io::stdout().lock().write_all(text.as_bytes())?),
+        None => Ok(outputs::stdout().write_all(text.as_bytes())?),
         Some(path) => Ok(film::write_whole(path, |out| out.write_all(text.as_bytes()))?),
     }
 }

@@ -10,6 +10,7 @@ use mcvr::volume::{Phantom, Summary};
 use serde_json::json;
 
 use super::args::VolumeArgs;
+use super::outputs;
 use super::render::write_json;
 use super::setup::volume_options;
 
@@ -28,7 +29,8 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> anyhow::Result<()> {
-    let mut out = std::io::stdout().lock();
+    outputs::check(&args.json, &[args.volume.file()])?;
+    let mut out = outputs::stdout();
     if args.phantoms {
         for (name, what) in Phantom::names() {
             writeln!(out, "phantom:{name:<14} {what}")?;

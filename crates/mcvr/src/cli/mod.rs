@@ -1,5 +1,13 @@
 //! Command line: arguments in, one line of error and a hint out.
 
+/// Says something on standard error. Where nobody listens any more (`2>&1 | head -1`), the work goes on.
+macro_rules! say {
+    ($($text:tt)*) => {{
+        use std::io::Write as _;
+        let _ = writeln!(std::io::stderr(), $($text)*);
+    }};
+}
+
 mod args;
 mod compare;
 mod converge;
@@ -8,6 +16,7 @@ mod hardcases;
 mod info;
 mod numbers;
 mod orbit;
+mod outputs;
 mod plan;
 mod plan_text;
 mod process;
@@ -93,10 +102,11 @@ impl std::error::Error for Interrupted {}
 /// Parses, runs, reports.
 pub fn run() -> ExitCode {
     let cli = Cli::parse();
-    if let Some(threads) = cli.threads
-        && let Err(e) = rayon::ThreadPoolBuilder::new().num_threads(threads.into()).build_global()
-    {
-        eprintln!("mcvr: cannot start {threads} threads: {e}");
+    // Made here in any case: a pool that makes itself panics where it cannot.
+    let threads = cli.threads.map_or(0, usize::from);
+    if let Err(e) = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global() {
+        let number = if threads == 0 { "as many threads as processors".into() } else { format!("{threads} threads") };
+        say!("mcvr: cannot start {number}: {e}; --threads asks for fewer");
         return ExitCode::FAILURE;
     }
     let outcome = match cli.command {
@@ -115,7 +125,7 @@ pub fn run() -> ExitCode {
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(e) if e.is::<Interrupted>() => {
-            eprintln!("mcvr: interrupted");
+            say!("mcvr: interrupted");
             ExitCode::from(130)
         }
         // A reader that has seen enough (`mcvr info x | head -1`) is no failure.
@@ -127,7 +137,7 @@ pub fn run() -> ExitCode {
             ExitCode::SUCCESS
         }
         Err(e) => {
-            eprintln!("mcvr: {}", describe(&e));
+            say!("mcvr: {}", describe(&e));
             ExitCode::FAILURE
         }
     }

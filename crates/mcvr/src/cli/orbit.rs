@@ -7,11 +7,11 @@ use anyhow::{Context, bail};
 use mcvr::sampling::{Cloud, ProjectOptions, SamplingError, project_cloud};
 use mcvr::scene::film::{self, GIF_RATE_LIMIT, ImageFormat};
 use mcvr::scene::{Camera, Estimand, Extent, View, Watch};
-use mcvr::{is_cloud, read_cloud};
+use mcvr::{is_cloud, read_cloud, volume};
 
 use super::args::{ToneArgs, VolumeArgs};
-use super::sample::{DrawArgs, check_folders, draw, ends};
-use super::{Interrupted, progress, project};
+use super::sample::{DrawArgs, draw, ends};
+use super::{Interrupted, outputs, process, progress, project};
 
 /// Most bytes of frames that are kept for an animation.
 const ANIMATION_LIMIT: u64 = 1 << 32;
@@ -85,7 +85,15 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     if animation && extent.pixels() as u64 * u64::from(args.frames) > ANIMATION_LIMIT {
         bail!("{} frames of {extent} exceed 2^32 pixels, all kept until the end; name a folder", args.frames);
     }
-    check_folders(std::iter::once(&args.output))?;
+    if animation {
+        outputs::check([&args.output], &[args.volume.file(), args.draw.scene()])?;
+    } else {
+        // A folder is made where its parent is one, like a file.
+        let first = if args.output.is_dir() { args.output.join("0000.png") } else { args.output.clone() };
+        volume::check_writable(&first).with_context(|| first.display().to_string())?;
+    }
+    let kept = if animation { extent.pixels() as u64 * u64::from(args.frames) } else { 0 };
+    process::check_memory(kept + 26 * extent.pixels() as u64, &format!("{} frames of {extent} pixels", args.frames))?;
     // An unusable view is refused before the points are drawn, where the input is a cloud already.
     let input = args.volume.input.as_deref().map(Path::new).filter(|p| is_cloud(p));
     let cloud = match input {
@@ -98,7 +106,7 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     }
     let done = turn(args, &cloud, animation, quiet)?;
     if !quiet {
-        eprintln!(
+        say!(
             "{}: {done} frames of {} points in {:.3} s",
             args.output.display(),
             cloud.samples(),

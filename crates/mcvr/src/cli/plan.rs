@@ -13,9 +13,8 @@ use serde_json::{Value, json};
 use super::args::{ImageArgs, ToneArgs};
 use super::plan_text::{describe, table};
 use super::render::write_json;
-use super::sample::check_folders;
 use super::setup::{Setup, Viewpoint, image_setup};
-use super::{Interrupted, process, progress, radiograph};
+use super::{Interrupted, outputs, process, progress, radiograph};
 
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  \
@@ -41,13 +40,13 @@ pub struct Args {
 }
 
 pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
-    check_folders(args.json.iter().filter(|p| *p != Path::new("-")))?;
+    outputs::check(&args.json, &args.image.inputs())?;
     let mut setup = image_setup(&args.image, &ToneArgs::default())?;
     let film = args.image.film.join(setup.film);
     setup.check_effects()?;
     radiograph::check(&film, &setup)?;
     for note in setup.notes.iter().filter(|_| !quiet) {
-        eprintln!("mcvr: note: {note}");
+        say!("mcvr: note: {note}");
     }
     let text = !quiet && args.json.as_deref() != Some(Path::new("-"));
     let views = std::mem::take(&mut setup.views);
@@ -57,7 +56,7 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         setup.view.clone_from(&view.words);
         let made = one(args, &setup, &film, quiet)?;
         if text {
-            let mut out = std::io::stdout().lock();
+            let mut out = outputs::stdout();
             if i > 0 {
                 writeln!(out)?;
             }
@@ -102,7 +101,7 @@ fn one(args: &Args, setup: &Setup, film: &Film, quiet: bool) -> anyhow::Result<P
     let mut plan = plan(scenery, request, film)?;
     let drawn = args.draw && request.method.samples_volume();
     if args.draw && !drawn && !quiet {
-        eprintln!("mcvr: note: --draw: {} casts rays and draws no points; its ranges stay", request.method);
+        say!("mcvr: note: --draw: {} casts rays and draws no points; its ranges stay", request.method);
     }
     if drawn {
         watched(setup, quiet, "drawing", |watch| plan.draw(scenery, request, watch))?;
@@ -110,6 +109,7 @@ fn one(args: &Args, setup: &Setup, film: &Film, quiet: bool) -> anyhow::Result<P
     let outcome = match args.run {
         false => None,
         true => {
+            process::check_memory(plan.bytes, "the image by this plan")?;
             let made = watched(setup, quiet, "rendering", |watch| make(scenery, request, watch))?;
             let verdicts = plan.verify(&made.counters);
             Some((made, verdicts))

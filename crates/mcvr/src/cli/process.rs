@@ -1,15 +1,36 @@
 //! What the operating system knows of this process.
 
-/// Bytes of memory that a new process could take without swapping, where the system tells (Linux).
+use anyhow::bail;
+
+/// Bytes of memory that this process could still take: what the machine has without swapping, less where a limit
+/// (`ulimit -v`, `ulimit -d`) allows less. Where the system tells (Linux).
 pub fn free_memory() -> Option<u64> {
-    let info = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = info.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
-    line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kib| kib * 1024)
+    let machine = kib("/proc/meminfo", "MemAvailable:")?;
+    let limits = std::fs::read_to_string("/proc/self/limits").unwrap_or_default();
+    let left = |limit: &str, taken: &str| {
+        let soft = limits.lines().find_map(|l| l.strip_prefix(limit))?.split_whitespace().next()?;
+        Some(soft.parse::<u64>().ok()?.saturating_sub(kib("/proc/self/status", taken)?))
+    };
+    let limited = [left("Max address space", "VmSize:"), left("Max data size", "VmData:")];
+    Some(limited.into_iter().flatten().fold(machine, u64::min))
 }
 
 /// Largest resident memory so far in bytes, where the system tells (Linux).
 pub fn peak_memory() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
+    kib("/proc/self/status", "VmHWM:")
+}
+
+/// A line of one of the kernel's tables in bytes.
+fn kib(table: &str, name: &str) -> Option<u64> {
+    let table = std::fs::read_to_string(table).ok()?;
+    let line = table.lines().find_map(|l| l.strip_prefix(name))?;
     line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok().map(|kib| kib * 1024)
+}
+
+/// Refuses what will not fit, before the work: a failed allocation ends the process without a word of what to do.
+pub fn check_memory(bytes: u64, what: &str) -> anyhow::Result<()> {
+    match free_memory().filter(|free| bytes > *free) {
+        Some(free) => bail!("{what} takes {bytes} bytes of memory and {free} are free; ask for less"),
+        None => Ok(()),
+    }
 }

@@ -20,7 +20,7 @@ fn watched_flag() -> Arc<AtomicBool> {
         if seen.swap(true, Ordering::SeqCst) {
             std::process::exit(130);
         }
-        eprintln!("\nmcvr: stopping; what is finished is kept (once more to stop at once)");
+        say!("\nmcvr: stopping; what is finished is kept (once more to stop at once)");
     });
     flag
 }
@@ -31,6 +31,9 @@ pub fn bar(total: u64, quiet: bool) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(total), target);
     let style = ProgressStyle::with_template("{bar:30} {percent:>3} %  {elapsed} elapsed, {eta} left  {msg}");
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-    bar.enable_steady_tick(Duration::from_millis(250));
+    // The ticks come from a thread of their own, which nobody needs for a bar that nobody sees.
+    if !bar.is_hidden() {
+        bar.enable_steady_tick(Duration::from_millis(250));
+    }
     bar
 }

@@ -10,10 +10,10 @@ use mcvr::{CameraSection, read_cloud};
 use serde_json::{Value, json};
 
 use super::args::{ToneArgs, ViewArgs};
-use super::render::write_json;
-use super::sample::{about, check_folders};
+use super::render::{check_image_memory, write_json};
+use super::sample::about;
 use super::setup::camera;
-use super::{Interrupted, progress};
+use super::{Interrupted, outputs, progress};
 
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  \
@@ -45,10 +45,11 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     let start = Instant::now();
     let formats: Vec<ImageFormat> =
         args.outputs.iter().map(|p| ImageFormat::of(p, args.tone.deep)).collect::<Result<_, _>>()?;
-    check_folders(args.outputs.iter().chain(&args.json))?;
+    outputs::check(args.outputs.iter().chain(&args.json), &[Some(&args.cloud), args.view.matrix.as_deref()])?;
     let cloud = read_cloud(&args.cloud)?;
     let load = start.elapsed().as_secs_f64();
     let (camera, view) = camera(&args.view, &CameraSection::default(), None, cloud.grid())?;
+    check_image_memory(camera.extent(), 1, &formats)?;
     let estimand = args.estimand.unwrap_or_default();
     let cancel = progress::interrupt_flag();
     let bar = progress::bar(cloud.samples(), quiet);
@@ -66,7 +67,7 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     }
     let clipped = counters.clipped as f64 / counters.samples as f64;
     if clipped > 0.0 {
-        eprintln!("mcvr: note: the near plane at {} mm cut {:.3} % of the mass", camera.near(), 100.0 * clipped);
+        say!("mcvr: note: the near plane at {} mm cut {:.3} % of the mass", camera.near(), 100.0 * clipped);
     }
     if let Some(path) = &args.json {
         let mut record = about(&cloud);
@@ -82,11 +83,11 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         });
         record["seconds"] =
             json!({ "load": load, "projection": seconds.total, "total": start.elapsed().as_secs_f64() });
-        record["outputs"] = json!(args.outputs);
+        record["outputs"] = json!(outputs::names(&args.outputs));
         write_json(path, &record)?;
     }
     if !quiet {
-        eprintln!("{} points projected in {:.4} s, estimand {estimand}; {view}", cloud.samples(), seconds.total);
+        say!("{} points projected in {:.4} s, estimand {estimand}; {view}", cloud.samples(), seconds.total);
     }
     Ok(())
 }

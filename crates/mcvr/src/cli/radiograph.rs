@@ -49,7 +49,7 @@ pub fn develop(film: &Film, setup: &Setup, made: &Made) -> anyhow::Result<Option
     let depths: Vec<f64> = made.image.values().iter().copied().filter(|v| *v > 0.0).collect();
     let mean = depths.iter().sum::<f64>() / depths.len().max(1) as f64;
     if mean > BLACK {
-        eprintln!(
+        say!(
             "mcvr: warning: the film is black: the mean optical depth of what is hit is {mean:.3e}. Weights must be \
              attenuations per mm: --map hounsfield:60keV for Hounsfield units, or linear:SLOPE,INTERCEPT."
         );
@@ -70,12 +70,13 @@ pub fn record(film: &Film, radiograph: &Radiograph, seed: u64) -> Value {
 /// What is said about the film.
 pub fn summarise(film: &Film, radiograph: &Radiograph) {
     let noise = film.photons.map_or("no photon noise".into(), |n| format!("noise of {n:e} photons a pixel"));
-    eprintln!("film: transmission, mean {:.4}, {noise}", radiograph.image.mean());
+    say!("film: transmission, mean {:.4}, {noise}", radiograph.image.mean());
     if let Some(bias) = radiograph.bias {
-        eprintln!(
+        say!(
             "film: sampling noise brightens it (exp is convex) by {:.2e} on average and {:.2e} at most, as 1/samples; \
              an estimate for independent samples, an upper bound for stratified ones and nets",
-            bias.mean, bias.max
+            bias.mean,
+            bias.max
         );
     }
 }

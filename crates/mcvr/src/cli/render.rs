@@ -4,15 +4,14 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use anyhow::bail;
 use mcvr::scene::film::{self, ImageFormat};
-use mcvr::scene::{Transfer, Watch};
+use mcvr::scene::{Extent, Transfer, Watch};
 use mcvr::{Made, Method, make};
 use serde_json::{Value, json};
 
 use super::args::{ImageArgs, ToneArgs};
 use super::setup::{Setup, Viewpoint, image_setup};
-use super::{Interrupted, process, progress, radiograph};
+use super::{Interrupted, outputs, process, progress, radiograph};
 
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  \
@@ -42,19 +41,28 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     // Everything that can be wrong with the outputs is found before the work.
     let formats: Vec<ImageFormat> =
         args.outputs.iter().map(|p| ImageFormat::of(p, args.tone.deep)).collect::<Result<_, _>>()?;
-    for folder in args.outputs.iter().chain(&args.json).filter_map(|p| p.parent()) {
-        if !folder.as_os_str().is_empty() && !folder.is_dir() {
-            bail!("{}: no such folder for the output", folder.display());
-        }
-    }
+    outputs::check(args.outputs.iter().chain(&args.json), &args.image.inputs())?;
     let mut setup = image_setup(&args.image, &args.tone)?;
     let film = args.image.film.join(setup.film);
     setup.check_effects()?;
     radiograph::check(&film, &setup)?;
     for note in &setup.notes {
-        eprintln!("mcvr: note: {note}");
+        say!("mcvr: note: {note}");
     }
     let views = std::mem::take(&mut setup.views);
+    for view in &views {
+        if views.len() > 1 {
+            let outputs: Vec<PathBuf> = args.outputs.iter().map(|p| labelled(p, &view.label)).collect();
+            outputs::check(&outputs, &args.image.inputs())?;
+        }
+        let channels = setup.scenery.effects.look(setup.scenery.volume.grid(), &view.camera)?.channels();
+        check_image_memory(view.camera.extent(), channels, &formats)?;
+    }
+    let samples = setup.request.samples;
+    // More than the method's own limit is refused for that.
+    if setup.request.method == Method::McQuicksort && samples <= Method::QUICKSORT_LIMIT {
+        process::check_memory(8 * samples, &format!("sorting {samples} samples"))?;
+    }
     let mut records = vec![];
     for Viewpoint { camera, label, words } in &views {
         let begin = if records.is_empty() { start } else { Instant::now() };
@@ -100,11 +108,24 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Refuses an image that will not fit into memory, sums and writing included. A pixel takes 8 bytes as a sum, 8 as a value
+/// and, once the sums are gone, in each channel: 8 for its tone and 2 as a PNG, or 12 as floats and as many for the encoder.
+pub fn check_image_memory(extent: Extent, channels: usize, formats: &[ImageFormat]) -> anyhow::Result<()> {
+    let written = |format: &ImageFormat| match format {
+        ImageFormat::Npy => 8,
+        ImageFormat::Png8 | ImageFormat::Png16 => 8 + 8 + 2,
+        ImageFormat::Exr | ImageFormat::Tiff => 12 + 12,
+    };
+    let pixel = (8 + formats.iter().map(written).max().unwrap_or(8)) * channels as u64;
+    process::check_memory(extent.pixels() as u64 * pixel, &format!("an image of {extent} pixels"))
+}
+
 /// `out.png` of the camera `front`: `out-front.png`.
 fn labelled(path: &Path, label: &str) -> PathBuf {
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    let ending = path.extension().unwrap_or_default().to_string_lossy();
-    path.with_file_name(format!("{stem}-{label}.{ending}"))
+    let mut name = path.file_stem().unwrap_or_default().to_owned();
+    name.push(format!("-{label}."));
+    name.push(path.extension().unwrap_or_default());
+    path.with_file_name(name)
 }
 
 /// Makes the image with a progress bar; warns of mass that the density map dropped or the near plane cut.
@@ -124,7 +145,7 @@ fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
     };
     let (method, samples) = (setup.request.method, setup.request.samples);
     if method == Method::Qmc && !samples.is_power_of_two() && !quiet {
-        eprintln!(
+        say!(
             "mcvr: note: {samples} is no power of two, so the net is uneven at its end (at 10^6 the error was measured within \
              5 % of what a power of two would leave); {} or {} samples are evenest",
             samples.next_power_of_two() / 2,
@@ -137,7 +158,7 @@ fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
             Transfer::Identity => " For Hounsfield units use --map hounsfield.",
             _ => "",
         };
-        eprintln!(
+        say!(
             "mcvr: warning: {} voxels ({:.2} %) had a negative weight and count as 0; their sum of {:.6e} is {share:.1} % of \
              what remains.{hint}",
             made.mass.negative,
@@ -147,7 +168,7 @@ fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
     }
     let clipped = made.clipped;
     if clipped > 0.0 {
-        eprintln!(
+        say!(
             "mcvr: note: the near plane at {} mm cut {:.3} % of the mass",
             setup.scenery.camera.near(),
             100.0 * clipped
@@ -188,7 +209,7 @@ fn record(setup: &Setup, made: &Made, outputs: &[PathBuf], [write, total]: [f64;
         "counters": made.counters,
         "threads": rayon::current_num_threads(),
         "peak_memory_bytes": process::peak_memory(),
-        "outputs": outputs,
+        "outputs": outputs::names(outputs),
         "versions": { "mcvr": env!("CARGO_PKG_VERSION"), "record": 1 },
     });
     if !setup.scenery.effects.is_plain() {
@@ -205,8 +226,7 @@ pub fn write_json(path: &Path, value: &Value) -> anyhow::Result<()> {
     let mut text = serde_json::to_string_pretty(value)?;
     text.push('\n');
     if path == Path::new("-") {
-        std::io::stdout().write_all(text.as_bytes())?;
-        return Ok(());
+        return Ok(outputs::stdout().write_all(text.as_bytes())?);
     }
     Ok(film::write_whole(path, |out| out.write_all(text.as_bytes()))?)
 }
@@ -215,7 +235,7 @@ fn summarise(setup: &Setup, made: &Made, outputs: &[PathBuf]) {
     let s = &made.seconds;
     let names: Vec<String> = outputs.iter().map(|p| p.display().to_string()).collect();
     let unit = if setup.request.method.samples_volume() { "samples" } else { "rays" };
-    eprintln!(
+    say!(
         "{}: {} {} {unit}, kernel {}, estimand {} ({}), seed {}",
         names.join(", "),
         setup.request.method,
@@ -225,7 +245,7 @@ fn summarise(setup: &Setup, made: &Made, outputs: &[PathBuf]) {
         setup.request.estimand.unit(),
         setup.request.seed
     );
-    eprintln!(
+    say!(
         "{:.4} s: distribution {:.4}, sampling {:.4}, projection {:.4} ({} threads; loading {:.3} s before)",
         s.complete,
         s.distribution,
@@ -235,6 +255,6 @@ fn summarise(setup: &Setup, made: &Made, outputs: &[PathBuf]) {
         setup.load_seconds
     );
     if let Some(error) = made.error {
-        eprintln!("own error estimate: {error:.2e} of the mean pixel (RMS)");
+        say!("own error estimate: {error:.2e} of the mean pixel (RMS)");
     }
 }

@@ -14,7 +14,7 @@ use super::args::{BudgetArgs, DensityArgs, MethodArgs, ToneArgs, ViewArgs, Volum
 use super::effect_args::EffectArgs;
 use super::render::write_json;
 use super::setup::{Setup, scene_file, setup};
-use super::{Interrupted, process, progress};
+use super::{Interrupted, outputs, process, progress};
 
 /// How points are drawn.
 #[derive(clap::Args, Clone, Debug, Default)]
@@ -38,6 +38,13 @@ pub struct DrawArgs {
     scene: Option<PathBuf>,
     #[command(flatten)]
     density: DensityArgs,
+}
+
+impl DrawArgs {
+    /// The scene file.
+    pub fn scene(&self) -> Option<&Path> {
+        self.scene.as_deref()
+    }
 }
 
 #[derive(clap::Args)]
@@ -67,7 +74,8 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
             bail!("{}: unknown ending of a point cloud; use .mcvr or .ply", path.display());
         }
     }
-    check_folders(args.outputs.iter().chain(&args.json))?;
+    let inputs = [args.draw.scene(), args.volume.file()];
+    outputs::check(args.outputs.iter().chain(&args.json), &inputs)?;
     let (setup, cloud, counters) = draw(&args.volume, &args.draw, quiet)?;
     for path in &args.outputs {
         if ends(path, "ply") { write_ply(&cloud, path) } else { write_cloud(&cloud, path) }?;
@@ -77,11 +85,11 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         record["input"] = json!(setup.input);
         record["counters"] = json!(counters);
         record["seconds"] = json!({ "load": setup.load_seconds, "total": start.elapsed().as_secs_f64() });
-        record["outputs"] = json!(args.outputs);
+        record["outputs"] = json!(outputs::names(&args.outputs));
         write_json(path, &record)?;
     }
     if !quiet {
-        eprintln!(
+        say!(
             "{} points ({} MB), kernel {}, {} seed {}, in {:.3} s",
             cloud.samples(),
             cloud.samples() * Cloud::BYTES_PER_POINT / 1_000_000,
@@ -114,19 +122,14 @@ pub fn draw(volume: &VolumeArgs, args: &DrawArgs, quiet: bool) -> anyhow::Result
     )?;
     let effects = &setup.scenery.effects;
     if effects.shading.is_some() || effects.depth_cue.is_some() || effects.depth_colour.is_some() {
-        eprintln!("mcvr: note: points keep the weights of the scene's materials and none of its other effects");
+        say!("mcvr: note: points keep the weights of the scene's materials and none of its other effects");
     }
     setup.request.order = args.order.or(scene_file(volume, &method)?.0.sampling.order).unwrap_or(VoxelOrder::Raster);
     let samples = setup.request.samples;
     let bytes = samples.saturating_mul(Cloud::BYTES_PER_POINT);
-    if let Some(free) = process::free_memory().filter(|free| bytes > *free) {
-        bail!(
-            "{samples} points take {bytes} bytes of memory and {free} are free; at most {}",
-            free / Cloud::BYTES_PER_POINT
-        );
-    }
+    process::check_memory(bytes, &format!("a cloud of {samples} points"))?;
     for note in &setup.notes {
-        eprintln!("mcvr: note: {note}");
+        say!("mcvr: note: {note}");
     }
     let cancel = progress::interrupt_flag();
     let bar = progress::bar(samples, quiet);
@@ -150,16 +153,6 @@ pub fn about(cloud: &Cloud) -> Value {
             "direction": grid.direction().transpose().to_cols_array_2d(),
         },
     })
-}
-
-/// Refuses outputs in folders that do not exist, before the work.
-pub fn check_folders<'a>(paths: impl Iterator<Item = &'a PathBuf>) -> anyhow::Result<()> {
-    for folder in paths.filter_map(|p| p.parent()) {
-        if !folder.as_os_str().is_empty() && !folder.is_dir() {
-            bail!("{}: no such folder for the output", folder.display());
-        }
-    }
-    Ok(())
 }
 
 /// Whether a path has an ending, in any case.

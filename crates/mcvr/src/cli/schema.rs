@@ -10,5 +10,5 @@ pub struct Args {}
 pub fn run(_: &Args) -> anyhow::Result<()> {
     let mut text = serde_json::to_string_pretty(&mcvr::SceneFile::schema())?;
     text.push('\n');
-    Ok(std::io::stdout().write_all(text.as_bytes())?)
+    Ok(super::outputs::stdout().write_all(text.as_bytes())?)
 }

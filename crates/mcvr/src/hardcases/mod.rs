@@ -18,6 +18,7 @@ mod effects;
 mod files;
 mod geometry;
 mod measures;
+mod program;
 mod running;
 mod scale;
 mod sequences;
@@ -28,16 +29,10 @@ pub use support::Context;
 
 /// Every case, group by group.
 pub fn catalogue() -> impl Iterator<Item = &'static Case> {
-    [
-        distributions::CASES,
-        sequences::CASES,
-        geometry::CASES,
-        effects::CASES,
-        scale::CASES,
-        measures::CASES,
-        files::CASES,
-        running::CASES,
-    ]
-    .into_iter()
-    .flatten()
+    let one = [distributions::CASES, sequences::CASES, geometry::CASES, effects::CASES];
+    one.into_iter()
+        .chain(scale::CASES)
+        .chain([measures::CASES, files::CASES])
+        .chain(running::CASES)
+        .flatten()
 }

@@ -140,8 +140,8 @@ fn culled(request: &Request, survey: &mcvr_sampling::DistributionCounters) -> Le
 fn stream_bytes(method: Method, samples: u64) -> u64 {
     match method {
         Method::McQuicksort => 8 * samples,
-        // A running sum of Gamma variates per block.
-        Method::Mc => 8 * block_count(samples),
+        // Running sums of Gamma variates.
+        Method::Mc => mcvr_mc::OrderStatistics::bytes(samples),
         _ => 0,
     }
 }

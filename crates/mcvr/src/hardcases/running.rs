@@ -1,5 +1,0 @@
-//! Running.
-
-use super::Case;
-
-pub(super) const CASES: &[Case] = &[];

@@ -1,5 +1,0 @@
-//! Scale.
-
-use super::Case;
-
-pub(super) const CASES: &[Case] = &[];

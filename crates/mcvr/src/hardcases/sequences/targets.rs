@@ -7,6 +7,7 @@ use mcvr_volume::{Grid, Volume};
 
 use super::{Bound, Case, CaseError, Context, Cost, Finding, Group, SAMPLES, SEEDS, nets, probes};
 use crate::hardcases::support::{SAMPLERS, block_of, budget};
+use crate::make::point_stream;
 use crate::{Method, Request, Scenery, make};
 
 pub(super) const CASES: &[Case] = &[
@@ -155,7 +156,7 @@ fn single(_: &Context) -> Result<Finding, CaseError> {
     for method in [Method::Mc, Method::McBinary, Method::Stratified, Method::Qmc] {
         let target = |seed| {
             let request = Request { method, samples: 1, seed, ..Request::default() };
-            block_of(&*crate::make::point_stream(&request, total), 0, total).targets[0] as f64 / total as f64
+            block_of(&*point_stream(&request, total), 0, total).targets[0] as f64 / total as f64
         };
         let mut targets: Vec<f64> = (0..n).map(target).collect();
         targets.sort_unstable_by(f64::total_cmp);

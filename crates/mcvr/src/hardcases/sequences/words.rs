@@ -115,7 +115,8 @@ fn one_bit_apart(_: &Context) -> Result<Finding, CaseError> {
             words
         }
     };
-    let target = |stream: &dyn PointStream| block_of(stream, 0, 1 << 62).targets.iter().map(|t| (t >> 30) as u32).collect();
+    let target =
+        |stream: &dyn PointStream| block_of(stream, 0, 1 << 62).targets.iter().map(|t| (t >> 30) as u32).collect();
     type Words<'a> = Box<dyn Fn(u64) -> Vec<u32> + 'a>;
     let kinds: [Words<'_>; 6] = [
         Box::new(net(Scramble::Linear)),

@@ -29,8 +29,10 @@ pub use support::Context;
 
 /// Every case, group by group.
 pub fn catalogue() -> impl Iterator<Item = &'static Case> {
-    let one = [distributions::CASES, sequences::CASES, geometry::CASES, effects::CASES];
-    one.into_iter()
+    distributions::CASES
+        .into_iter()
+        .chain(sequences::CASES)
+        .chain([geometry::CASES, effects::CASES])
         .chain(scale::CASES)
         .chain([measures::CASES, files::CASES])
         .chain(running::CASES)

@@ -19,6 +19,7 @@ mod files;
 mod geometry;
 mod running;
 mod scale;
+mod scenes;
 mod sequences;
 mod support;
 

@@ -1,7 +1,9 @@
 //! Scenes that several groups pose, and the statistics that hold an image to its reference.
 
 use glam::{DMat3, DVec3};
-use mcvr_raycast::{Counters, Integrator, Reference, ReferenceOptions, reference};
+use mcvr_raycast::{
+    Counters, Integrator, LookReference, Reference, ReferenceOptions, reference, reference_with_look,
+};
 use mcvr_sampling::{
     BLOCK, Distribution, PointBlock, PointStream, Precision, RenderOptions, Rendered, Search, VoxelOrder, render,
 };
@@ -9,6 +11,7 @@ use mcvr_scene::{Camera, Density, DensityMap, Estimand, Extent, Image, Kernel, W
 use mcvr_volume::{Grid, Volume, Voxel};
 
 use super::CaseError;
+use crate::make::point_stream;
 use crate::{Made, Method, Request, Scenery, make};
 
 /// Kernels that can be integrated along rays.
@@ -110,7 +113,7 @@ pub(super) fn rendered(
 ) -> Result<Rendered, CaseError> {
     let density = Density::new(&scenery.volume, scenery.map.clone())?;
     let distribution = Distribution::new(&density, VoxelOrder::Raster)?;
-    let stream = crate::make::point_stream(request, distribution.total());
+    let stream = point_stream(request, distribution.total());
     let options =
         RenderOptions { estimand: request.estimand, kernel: request.kernel, precision, ..RenderOptions::default() };
     Ok(render(&distribution, &*stream, &scenery.camera, &options, &Watch::default())?)
@@ -126,6 +129,19 @@ pub(super) fn exact(
     let density = Density::new(&scenery.volume, scenery.map.clone())?;
     let options = ReferenceOptions { estimand, kernel, tolerance, max_depth: 8 };
     Ok(reference(&density, &scenery.camera, &options, &Watch::default())?)
+}
+
+/// The exact image with the scenery's effects.
+pub(super) fn exact_look(
+    scenery: &Scenery,
+    kernel: Kernel,
+    estimand: Estimand,
+    tolerance: f64,
+) -> Result<LookReference, CaseError> {
+    let density = Density::new(&scenery.volume, scenery.map.clone())?;
+    let look = scenery.effects.look(scenery.volume.grid(), &scenery.camera)?;
+    let options = ReferenceOptions { estimand, kernel, tolerance, max_depth: 6 };
+    Ok(reference_with_look(&density, &scenery.camera, &look, &options, &Watch::default())?)
 }
 
 /// Exact line integrals through points of an image.

@@ -82,7 +82,8 @@ macro_rules! with_read {
             _ => {
                 let $read = $crate::effects::gradient::read::Mapped {
                     lookup: $density.lookup(),
-                    scale: 1.0 / $density.report().max_weight,
+                    // The reciprocal of a subnormal weight is no number.
+                    scale: (1.0 / $density.report().max_weight).min(f64::MAX),
                 };
                 $body
             }

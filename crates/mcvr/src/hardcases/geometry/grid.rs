@@ -95,9 +95,13 @@ pub(super) fn thin_volumes(_: &Context) -> Result<Finding, CaseError> {
     Ok(Finding::new(worst, "of the allowed difference", Bound::AtMost(1.0)).with(at))
 }
 
-/// Rays through a block from all sides, for comparing two grids of one object.
-fn rays() -> impl Iterator<Item = [f64; 2]> {
-    (0..400u64).map(|i| [64.0 * unit(2 * i), 64.0 * unit(2 * i + 1)])
+/// Places in the image of points within a volume, for comparing two grids of one object.
+fn rays<'a>(camera: &'a Camera, grid: &'a Grid) -> impl Iterator<Item = [f64; 2]> + 'a {
+    (0..400u64).map(move |i| {
+        let at = DVec3::new(unit(3 * i), unit(3 * i + 1), unit(3 * i + 2)) * DVec3::from_array(grid.dims().map(|n| n as f64));
+        let (x, y, _) = camera.project(grid.index_to_world().transform_point3(at - 0.5));
+        [x, y]
+    })
 }
 
 /// Largest difference between two lists over the largest value of the first, or infinity where that is no number or 0.
@@ -131,8 +135,8 @@ pub(super) fn spacing_ratio(_: &Context) -> Result<Finding, CaseError> {
         for is_parallel in [false, true] {
             let view = View { azimuth: 31.0, elevation: 17.0, parallel: is_parallel, ..View::default() };
             let camera = Camera::look(&view, coarse.grid(), Extent::new(64, 64)?)?;
-            let a = lines(&weights, Kernel::Box, &camera, rays())?;
-            let b = lines(&identity(&fine)?, Kernel::Box, &camera, rays())?;
+            let a = lines(&weights, Kernel::Box, &camera, rays(&camera, coarse.grid()))?;
+            let b = lines(&identity(&fine)?, Kernel::Box, &camera, rays(&camera, coarse.grid()))?;
             worst = worst.max(apart(&a, &b));
             let largest = a.iter().copied().fold(0.0, f64::max);
             // The eye is two diameters away, so parameters reach three.
@@ -174,8 +178,8 @@ pub(super) fn mirrored(_: &Context) -> Result<Finding, CaseError> {
         })?;
         let camera = Camera::look(&View::default(), &plain_grid, Extent::new(64, 64)?)?;
         for kernel in SEPARABLE {
-            let a = lines(&density, kernel, &camera, rays())?;
-            let b = lines(&identity(&same)?, kernel, &camera, rays())?;
+            let a = lines(&density, kernel, &camera, rays(&camera, &plain_grid))?;
+            let b = lines(&identity(&same)?, kernel, &camera, rays(&camera, &plain_grid))?;
             worst = worst.max(apart(&a, &b));
             let largest = a.iter().copied().fold(0.0, f64::max);
             let error = 80.0 * (12.0 * plain_grid.diameter() / 0.7 + 64.0) * 0.5f64.powi(53) * 255.0 * 1.6;
@@ -238,8 +242,9 @@ pub(super) fn far_origin(_: &Context) -> Result<Finding, CaseError> {
     for is_parallel in [false, true] {
         let view = View { parallel: is_parallel, ..View::default() };
         let camera = |v: &Volume| Camera::look(&view, v.grid(), Extent::new(64, 64)?);
-        let a = lines(&density, Kernel::Tent, &camera(&volume)?, rays())?;
-        let b = lines(&identity(&far)?, Kernel::Tent, &camera(&far)?, rays())?;
+        let near = camera(&volume)?;
+        let a = lines(&density, Kernel::Tent, &near, rays(&near, volume.grid()))?;
+        let b = lines(&identity(&far)?, Kernel::Tent, &camera(&far)?, rays(&near, volume.grid()))?;
         let off = a.iter().zip(&b).map(|(a, b)| (a - b).abs());
         worst = off.fold(worst, |m, v| if v.is_nan() { f64::INFINITY } else { m.max(v) });
         let request = Request { samples: 1 << 14, ..Request::default() };
@@ -255,8 +260,9 @@ pub(super) fn far_origin(_: &Context) -> Result<Finding, CaseError> {
     Ok(Finding::new(worst, "weight x mm", Bound::AtMost(bound)).with(format!("in 32 bits 1e7 + 0.3 mm is {single} mm")))
 }
 
-/// A grid beyond what double precision can invert must be refused, with the limit; one that is accepted gives finite maps both
-/// ways that undo each other to `2^-40` of a voxel, and a finite positive voxel volume.
+/// A grid beyond what double precision can invert must be refused, with the limit; one that is accepted gives maps that undo
+/// each other within `64 · 2^-52` indices times the ratio of its spacings (the map's condition number, indices up to 4, and both
+/// maps' roundings), a voxel volume that is a normal number and a finite diameter.
 pub(super) fn extreme_grids(_: &Context) -> Result<Finding, CaseError> {
     let (mut wrong, mut of, mut refused) = (0, 0, 0);
     for k in (-1074..=1023).step_by(31) {
@@ -271,7 +277,8 @@ pub(super) fn extreme_grids(_: &Context) -> Result<Finding, CaseError> {
             let p = DVec3::new(1.25, 2.5, 0.75);
             let q = grid.world_to_index().transform_point3(grid.index_to_world().transform_point3(p));
             let v = grid.voxel_volume();
-            let fine = (p - q).length() < 0.5f64.powi(40) && v.is_normal() && v > 0.0 && grid.diameter().is_finite();
+            let ratio = spacing.max_element() / spacing.min_element();
+            let fine = (p - q).length() <= 64.0 * f64::EPSILON * ratio && v.is_normal() && v > 0.0 && grid.diameter().is_finite();
             wrong += u64::from(!fine);
         }
     }

@@ -10,7 +10,8 @@ use mcvr_sampling::{PointBlock, PointStream, block_count, block_len};
 use rand::RngExt;
 use rand_distr::{Exp1, Gamma};
 
-/// Independent samples in rising order of their targets.
+/// Independent samples in rising order of their targets, which are placed with 53 bits: the probability of a voxel is wrong by
+/// about 2^-53, far below what 2^40 samples could show.
 #[derive(Clone, Debug)]
 pub struct OrderStatistics {
     samples: u64,
@@ -57,10 +58,14 @@ impl PointStream for OrderStatistics {
             sum += *t;
             *t = sum;
         }
+        // Spacings below 2^-33 round to 0; a block of nothing else (one in 2^33, of a single sample) ends where it must.
+        if let Some(last) = out.targets.last_mut().filter(|_| sum == 0) {
+            (*last, sum) = (1, 1);
+        }
         let low = if block == 0 { 0.0 } else { self.ends[block as usize - 1] };
         let high = self.ends[block as usize];
         let total = total as f64;
-        let (offset, scale) = (low * total, (high - low) * total / sum.max(1) as f64);
+        let (offset, scale) = (low * total, (high - low) * total / sum as f64);
         // The next float below is at most the exact total less one, whichever way the total was rounded.
         spread(&mut out.targets, offset, scale, total.next_down().floor());
         crate::unsorted::fill_offsets(self.seed, block, out);

@@ -106,9 +106,10 @@ impl<'a> Distribution<'a> {
             bricks_near: tally.near,
             bytes,
         };
-        let unit_mass = density.mass() / weights.whole(density);
-        let mass = if culled { sum as f64 * unit_mass } else { density.mass() };
-        let near_mass = tally.near_units as f64 * unit_mass;
+        // The quotient first: the smallest masses have few digits to lose.
+        let mass_of = |units: u64| if units == 0 { 0.0 } else { density.mass() * (units as f64 / weights.whole(density)) };
+        let mass = if culled { mass_of(sum) } else { density.mass() };
+        let near_mass = mass_of(tally.near_units);
         Ok(Self { density: Cow::Borrowed(density), layout, weights, before, order, counters, mass, near_mass })
     }
 

@@ -73,8 +73,9 @@ pub fn target_of(k: u64, fraction: u32, total: u64, samples: u64) -> u64 {
     ((u128::from(q) * position + u128::from(r) * position / u128::from(samples)) >> 32) as u64
 }
 
-/// Targets of consecutive strata of equal mass, in 64.64 fixed point. At most 2^-50 of a unit of weight below
-/// the exact position, so never outside the stratum's neighbourhood and never at or beyond the total.
+/// Targets of consecutive strata of equal mass, in 64.64 fixed point. At most 2^-31 of a unit of weight below
+/// the exact position (2^-32 by the fraction, 2^-64 a step), so a target is the exact one or, rarely, that less one, and
+/// never at or beyond the total.
 #[derive(Clone, Copy, Debug)]
 pub struct Strata {
     position: u128,

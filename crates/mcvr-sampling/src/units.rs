@@ -1,11 +1,14 @@
 //! Weights as integers, so that every sum is exact.
 //!
-//! Weights that are small integers already (any 8- or 16-bit volume under the identity map) are taken as they
-//! are. All others are scaled so that the whole sum is about 2^62 and rounded: a voxel's probability is then
-//! wrong by at most 2^-63, however widely the weights range, and a positive weight below that share of the
-//! whole may round to zero.
+//! Weights that are small multiples of one power of two (any 8- or 16-bit volume under the identity map) are taken as
+//! they are: all probabilities are exact. All others are rounded to whole multiples of the power of two of which the sum
+//! holds 2^61 to 2^62. Scaling by a power of two rounds nothing, so a weight `w_i` becomes `u_i = w_i/unit + r_i` with
+//! `|r_i| ≤ 1/2`, and of n positive weights the probability `p_i` is wrong by `(r_i - p_i Σr)/Σu`: at most
+//! `(1 + n p_i) 2^-62`, however widely the weights range. Weights below half a unit are never drawn;
+//! [`MassReport::faint`](mcvr_scene::MassReport::faint) counts them. Sums stay below 2^62 + 2^40 (+ 2^26 for the rounding
+//! of the sum that chose the unit), so below 2^63.
 
-use mcvr_scene::{Density, WeightFn};
+use mcvr_scene::{Density, WeightFn, power_of_two};
 use mcvr_volume::Voxel;
 
 /// Largest integer weight for which 256 of them surely sum below 2^31 (vector code compares as `i32`).
@@ -71,39 +74,56 @@ impl<T: Voxel, W: Word> Units<T> for TableUnits<'_, W> {
 #[derive(Clone, Copy)]
 pub(crate) struct ScaledUnits<'a> {
     pub density: &'a Density,
-    pub scale: f64,
+    pub scale: Scale,
+}
+
+/// Division by the unit, in two steps: for the smallest weights the factor exceeds the largest number.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Scale(f64, f64);
+
+impl Scale {
+    /// Division by two to a power.
+    fn by(exponent: i32) -> Self {
+        let first = (-exponent - 1000).max(0);
+        Self(power_of_two(first), power_of_two(-exponent - first))
+    }
+
+    /// The nearest integer of the quotient. Beyond 2^52 every number is an integer, and adding 1/2 would round odd ones up.
+    #[inline(always)]
+    fn units(self, weight: f64) -> u64 {
+        let units = weight * self.0 * self.1;
+        (units + if units < (1u64 << 52) as f64 { 0.5 } else { 0.0 }) as u64
+    }
 }
 
 impl<T: Voxel> Units<T> for ScaledUnits<'_> {
     type Word = u64;
     #[inline(always)]
     fn units(self, stored: T) -> u64 {
-        (self.density.lookup().weight(stored) * self.scale + 0.5) as u64
+        self.scale.units(self.density.lookup().weight(stored))
     }
 }
 
 /// The integer weights of a density.
 #[derive(Clone, Debug)]
 pub(crate) enum UnitWeights {
-    /// Per ordinal; 256 of them stay below 2^31.
+    /// Per ordinal, multiples of some power of two; 256 of them stay below 2^31.
     Small(Vec<u32>),
     /// Per ordinal, scaled.
     Large(Vec<u64>),
     /// By calculation, scaled.
-    Scaled(f64),
+    Scaled(Scale),
 }
 
 impl UnitWeights {
     pub(crate) fn of(density: &Density) -> Self {
-        let scale = 2f64.powi(62) / density.report().weight_sum;
+        let scale = Scale::by(density.report().unit_exponent());
         match density.table() {
-            Some(table) if table.iter().all(|w| w.fract() == 0.0 && *w <= SMALL) => {
-                Self::Small(table.iter().map(|&w| w as u32).collect())
-            }
-            Some(table) => Self::Large(
+            Some(table) => match small(table) {
+                Some(units) => Self::Small(units),
                 // Ordinals that no voxel has may be huge; the cast saturates and they are never summed.
-                table.iter().map(|&w| (w * scale + 0.5) as u64).collect(),
-            ),
+                None => Self::Large(table.iter().map(|&w| scale.units(w)).collect()),
+            },
             None => Self::Scaled(scale),
         }
     }
@@ -112,11 +132,29 @@ impl UnitWeights {
 impl UnitWeights {
     /// The units of the whole density, up to rounding.
     pub(crate) fn whole(&self, density: &Density) -> f64 {
-        match self {
-            Self::Small(_) => density.report().weight_sum,
-            Self::Large(_) | Self::Scaled(_) => 2f64.powi(62),
-        }
+        let Self::Small(table) = self else {
+            let Scale(first, second) = Scale::by(density.report().unit_exponent());
+            return density.report().weight_sum * first * second;
+        };
+        // Any weight tells the unit; the largest does so without loss.
+        let largest = density.table().into_iter().flatten().fold(0.0f64, |a, b| a.max(*b));
+        let units = table.iter().fold(0, |a, b| a.max(*b));
+        density.report().weight_sum / (largest / f64::from(units.max(1)))
     }
+}
+
+/// Weights as multiples of the largest power of two of which all are multiples, if the largest is [`SMALL`] enough. Weights
+/// times a power of two give the same units, so the same draws.
+fn small(table: &[f64]) -> Option<Vec<u32>> {
+    let unit = power_of_two(table.iter().filter(|w| **w > 0.0).map(|w| lowest_bit(*w)).min()?);
+    table.iter().map(|w| Some(w / unit).filter(|units| *units <= SMALL).map(|units| units as u32)).collect()
+}
+
+/// The largest power of two of which a positive finite number is a multiple; for an infinite one a large number.
+fn lowest_bit(w: f64) -> i32 {
+    let (biased, fraction) = ((w.to_bits() >> 52) as i32, w.to_bits() & ((1 << 52) - 1));
+    let digits = if biased == 0 { fraction } else { fraction | 1 << 52 };
+    digits.trailing_zeros() as i32 + biased.max(1) - 1075
 }
 
 /// Runs an expression with `$units` bound to the concrete [`Units`], compiled once per kind.
@@ -139,3 +177,39 @@ macro_rules! with_units {
     };
 }
 pub(crate) use with_units;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_common_power_of_two_leaves_the_units_as_they_are() {
+        let table: Vec<f64> = (0..256).map(f64::from).collect();
+        let units: Vec<u32> = (0..256).collect();
+        for e in [-1074, -1000, -1, 0, 1, 1000] {
+            let scaled: Vec<f64> = table.iter().map(|w| w * power_of_two(e)).collect();
+            assert_eq!(small(&scaled), Some(units.clone()), "2^{e}");
+        }
+        assert_eq!(small(&[0.0, 0.75, 3.0]), Some(vec![0, 3, 12]));
+        for large in [[1.0, SMALL + 1.0], [0.1, 1.0], [5e-324, 1.0], [1.0, f64::INFINITY]] {
+            assert_eq!(small(&large), None, "{large:?}");
+        }
+        assert_eq!(small(&[0.0]), None);
+    }
+
+    #[test]
+    fn units_are_the_nearest_integers_at_every_size() {
+        let scale = Scale::by(0);
+        for (weight, units) in [(0.0, 0), (0.49, 0), (0.5, 1), (1.5, 2), (2.49, 2)] {
+            assert_eq!(scale.units(weight), units);
+        }
+        for bits in 40..62 {
+            let odd = (1u64 << bits) + 1;
+            assert_eq!(scale.units(odd as f64), odd as f64 as u64, "{bits}");
+        }
+        for e in [-1136, -1074, -1000, -999, 0, 900] {
+            let weight = power_of_two((e + 61).max(-1074));
+            assert_eq!(Scale::by(e).units(weight), 1 << ((e + 61).max(-1074) - e), "2^{e}");
+        }
+    }
+}

@@ -3,6 +3,7 @@
 use mcvr_volume::{Volume, VolumeError};
 use rayon::prelude::*;
 
+use crate::density::{exponent, power_of_two};
 use crate::Density;
 
 /// Share of the difference of two neighbours that moves to the larger one. In one dimension the weights become
@@ -32,6 +33,9 @@ impl Density {
         let dims = grid.dims();
         let strides = [1, dims[0], dims[0] * dims[1]];
         let mut out = vec![0.0f32; grid.len()];
+        // Weights that 32 bits cannot hold, or not with all their digits, are kept as multiples of a power of two.
+        let most = exponent(self.report().max_weight);
+        let unit = power_of_two(if (-64..126).contains(&most) { 0 } else { most });
         // Each voxel gathers its own six flows: nothing depends on the order of the work.
         out.par_chunks_mut(strides[2]).enumerate().for_each(|(k, slice)| {
             for (i, v) in slice.iter_mut().enumerate() {
@@ -47,10 +51,10 @@ impl Density {
                         sum += flow(w, self.weight(n + stride));
                     }
                 }
-                *v = sum.max(0.0) as f32;
+                *v = (sum.max(0.0) / unit) as f32;
             }
         });
-        Volume::from_vec(grid.clone(), out, format!("{}, concentrated", self.volume().name()))
+        Volume::from_vec(grid.clone(), out, format!("{}, concentrated", self.volume().name()))?.with_rescale(unit, 0.0)
     }
 }
 

@@ -17,6 +17,7 @@ mod watch;
 pub use camera::{Camera, Extent, Ray, View};
 pub use density::{
     Density, DensityMap, Emphasis, Hounsfield, MassReport, NegativePolicy, Substance, Transfer, WeightFn, WeightLookup,
+    power_of_two,
 };
 pub use effects::{Effects, Look};
 pub use error::SceneError;

@@ -123,10 +123,22 @@ impl DensityMap {
     }
 }
 
+/// A straight line between two points at an isovalue between theirs.
+fn between([v0, w0]: [f64; 2], [v1, w1]: [f64; 2], v: f64) -> f64 {
+    let (width, rise) = (v1 - v0, w1 - w0);
+    let product = rise * (v - v0);
+    // Integers stay integers this way, but the product may leave the range of numbers where the quotient would not.
+    if product.is_normal() && width.is_finite() {
+        return w0 + product / width;
+    }
+    let t = if width.is_finite() { (v - v0) / width } else { (0.5 * v - 0.5 * v0) / (0.5 * v1 - 0.5 * v0) };
+    if rise.is_finite() { w0 + rise * t } else { w0 * (1.0 - t) + w1 * t }
+}
+
 fn piecewise(points: &[[f64; 2]], v: f64) -> f64 {
     let after = points.partition_point(|p| p[0] <= v);
     match (after.checked_sub(1).map(|i| points[i]), points.get(after)) {
-        (Some([v0, w0]), Some([v1, w1])) => w0 + (w1 - w0) * (v - v0) / (v1 - v0),
+        (Some(low), Some(&high)) => between(low, high, v),
         (Some([_, w]), None) | (None, Some(&[_, w])) => w,
         (None, None) => f64::NAN,
     }

@@ -3,6 +3,7 @@
 mod attenuation;
 mod hounsfield;
 mod map;
+mod power;
 mod tally;
 
 use mcvr_volume::{Volume, Voxel, with_voxels};
@@ -13,6 +14,8 @@ use crate::SceneError;
 pub use attenuation::Substance;
 pub use hounsfield::Hounsfield;
 pub use map::{DensityMap, Emphasis, NegativePolicy, Transfer};
+pub(crate) use power::exponent;
+pub use power::power_of_two;
 use tally::scan;
 
 /// What the density map made of a volume.
@@ -30,8 +33,22 @@ pub struct MassReport {
     pub weight_sum: f64,
     /// Largest weight.
     pub max_weight: f64,
+    /// Smallest positive weight.
+    pub min_weight: f64,
+    /// Voxels whose positive weight is less than half a [unit](MassReport::unit_exponent), 2^-62 of the sum or less: samplers
+    /// never draw them. Ray casting has them.
+    pub faint: u64,
+    /// Sum of those weights (weight units).
+    pub faint_sum: f64,
     /// `F`: weight sum times the voxel's volume (weight units × mm³).
     pub mass: f64,
+}
+
+impl MassReport {
+    /// Samplers sum weights as whole multiples of two to this power: between 2^61 and 2^62 of them make the whole.
+    pub fn unit_exponent(&self) -> i32 {
+        exponent(self.weight_sum) - 61
+    }
 }
 
 /// A way to turn stored voxels of type `T` into weights; compiled once per type, free of branches on the map.
@@ -101,7 +118,17 @@ impl Density {
                 volume.isovalue(tally.first_negative)
             )));
         }
-        if tally.sum <= 0.0 || !tally.sum.is_finite() {
+        let mass = tally.sum * volume.grid().voxel_volume();
+        if mass.is_infinite() || (mass == 0.0 && tally.sum > 0.0) {
+            return Err(SceneError::Density(format!(
+                "the weights of '{}' sum to {:e}, which times the voxel's volume of {:e} mm3 is {mass:e}: beyond what 64-bit \
+                 numbers hold; scale the weights (linear: slope)",
+                volume.name(),
+                tally.sum,
+                volume.grid().voxel_volume()
+            )));
+        }
+        if tally.sum <= 0.0 {
             return Err(SceneError::Density(format!(
                 "'{}' has no usable mass: {} of {} voxels have a positive weight, their sum is {}; nothing can be drawn",
                 volume.name(),
@@ -110,15 +137,25 @@ impl Density {
                 tally.sum
             )));
         }
-        let report = MassReport {
+        let mut report = MassReport {
             voxels: volume.grid().len() as u64,
             positive: tally.positive,
             negative: tally.negative,
             dropped: tally.dropped,
             weight_sum: tally.sum,
             max_weight: tally.max,
-            mass: tally.sum * volume.grid().voxel_volume(),
+            min_weight: tally.min,
+            faint: 0,
+            faint_sum: 0.0,
+            mass,
         };
+        // Half a unit below the smallest number is 0: then nothing is faint.
+        let half = power_of_two(report.unit_exponent() - 1);
+        if tally.min < half {
+            let faint = |w: f64| if w < half { w.max(0.0) } else { 0.0 };
+            let (_, tally) = with_voxels!(volume.voxels(), v => scan(v, |s| faint(map.raw_weight(iso(s)))));
+            (report.faint, report.faint_sum) = (tally.positive, tally.sum);
+        }
         let table = table.into_iter().map(|w| if w > 0.0 { w } else { 0.0 }).collect();
         Ok(Self { volume: volume.clone(), map, table, report })
     }

@@ -14,6 +14,8 @@ pub(super) struct Tally {
     pub(super) dropped: f64,
     pub(super) sum: f64,
     pub(super) max: f64,
+    /// Smallest positive weight, 0 when there is none.
+    pub(super) min: f64,
     pub(super) bad: u64,
     pub(super) first_bad: usize,
     pub(super) first_negative: usize,
@@ -26,6 +28,7 @@ impl Tally {
             self.positive += count;
             self.sum += w * count as f64;
             self.max = self.max.max(w);
+            self.min = smaller(self.min, w);
         } else if !w.is_finite() {
             self.first_bad = if self.bad == 0 { at } else { self.first_bad.min(at) };
             self.bad += count;
@@ -44,9 +47,15 @@ impl Tally {
         self.dropped += o.dropped;
         self.sum += o.sum;
         self.max = self.max.max(o.max);
+        self.min = smaller(self.min, o.min);
         self.bad += o.bad;
         self
     }
+}
+
+/// The smaller of two minima of which 0 stands for none.
+fn smaller(a: f64, b: f64) -> f64 {
+    if a == 0.0 || (b > 0.0 && b < a) { b } else { a }
 }
 
 /// Weights per ordinal (8- and 16-bit voxels: via a histogram) or none, and the sums. Chunks are fixed and

@@ -145,6 +145,15 @@ fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
             made.mass.dropped
         );
     }
+    if made.mass.faint > 0 && method.samples_volume() {
+        eprintln!(
+            "mcvr: note: {} voxels weigh so little beside the others that no sample falls on them; their sum of {:.2e} is {:.1e} \
+             of the whole",
+            made.mass.faint,
+            made.mass.faint_sum,
+            made.mass.faint_sum / made.mass.weight_sum
+        );
+    }
     let clipped = made.clipped;
     if clipped > 0.0 {
         eprintln!(

@@ -2,9 +2,28 @@
 
 use std::path::{Path, PathBuf};
 
+use mcvr_sampling::{PointBlock, PointStream, block_len};
 use tempfile::TempDir;
 
 use super::CaseError;
+use crate::Method;
+
+/// The methods that draw samples.
+pub(super) const SAMPLERS: [Method; 6] =
+    [Method::Mc, Method::McQuicksort, Method::McBinary, Method::McLinear, Method::Stratified, Method::Qmc];
+
+/// A number of samples, fewer for the method that searches from the first voxel.
+pub(super) fn budget(method: Method, samples: u64) -> u64 {
+    if method == Method::McLinear { samples.min(Method::LINEAR_LIMIT) } else { samples }
+}
+
+/// One block of a stream.
+pub(super) fn block_of(stream: &dyn PointStream, block: u64, total: u64) -> PointBlock {
+    let mut points = PointBlock::default();
+    points.resize(block_len(stream.samples(), block));
+    stream.fill(block, total, &mut points);
+    points
+}
 
 /// What cases run with: the program for those that need a process of its own, and a folder that goes when this goes.
 #[derive(Debug)]

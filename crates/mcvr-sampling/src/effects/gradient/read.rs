@@ -82,7 +82,7 @@ macro_rules! with_read {
             _ => {
                 let $read = $crate::effects::gradient::read::Mapped {
                     lookup: $density.lookup(),
-                    // The reciprocal of a subnormal weight is no number.
+                    // The smallest numbers have no reciprocal.
                     scale: (1.0 / $density.report().max_weight).min(f64::MAX),
                 };
                 $body

@@ -1,5 +1,0 @@
-//! Sequences.
-
-use super::Case;
-
-pub(super) const CASES: &[Case] = &[];

@@ -1,0 +1,5 @@
+//! Sequences.
+
+use super::Case;
+
+pub(super) const CASES: [&[Case]; 0] = [];

@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 use mcvr_scene::effects::Look;
-use mcvr_scene::{Camera, Density, Kernel};
+use mcvr_scene::{Camera, Density, Kernel, power_of_two};
 
 use crate::adaptive::Integrand;
 use crate::cell::Piece;
@@ -61,7 +61,7 @@ struct Ray<'r, const C: usize> {
 /// A power of two that brings gradients near 1: only their direction counts, and squares of them must stay numbers.
 fn direction_scale(density: &Density) -> f64 {
     let exponent = density.report().max_weight.log2().floor() as i32;
-    2f64.powi(-exponent.clamp(-1000, 1000))
+    power_of_two(-exponent.clamp(-1000, 1000))
 }
 
 impl<'a, const C: usize, const N: usize> LitField<'a, C, N> {

@@ -56,6 +56,9 @@ impl DepthRamp {
         let t = if share > 0.0 { share.min(1.0) } else { 0.0 } * last as f64;
         let i = (t as usize).min(last - 1);
         let f = t - i as f64;
+        if f == 1.0 {
+            return self.stops[i + 1];
+        }
         // Rounding may leave a colour just beyond its stops.
         let mix = |a: f64, b: f64| (a + f * (b - a)).clamp(a.min(b), a.max(b));
         std::array::from_fn(|c| mix(self.stops[i][c], self.stops[i + 1][c]))

@@ -62,15 +62,14 @@ impl Tone {
             return [low, high];
         }
         // The next number above, as adding a little changes nothing at most sizes.
-        let above = sorted.last().copied().unwrap_or(0.0).max(low.next_up());
-        if above.is_finite() { [low, above] } else { [low.next_down(), low] }
+        [low, sorted.last().copied().unwrap_or(0.0).max(low.next_up())]
     }
 
     /// Grey levels in 0..=1 between the given limits.
     pub fn apply(&self, image: &Image, limits: [f64; 2]) -> Vec<f64> {
         let [low, high] = limits;
         let grey = |v: f64| {
-            // Halves where the window is wider than the largest number.
+            // Halves where the window is wider than the largest number. The value next to that is infinite.
             let share = if (high - low).is_finite() {
                 (v - low) / (high - low)
             } else {

@@ -127,7 +127,7 @@ pub(super) fn exact(
     tolerance: f64,
 ) -> Result<Reference, CaseError> {
     let density = Density::new(&scenery.volume, scenery.map.clone())?;
-    let options = ReferenceOptions { estimand, kernel, tolerance, max_depth: 8 };
+    let options = ReferenceOptions { estimand, kernel, tolerance, ..ReferenceOptions::default() };
     Ok(reference(&density, &scenery.camera, &options, &Watch::default())?)
 }
 
@@ -140,7 +140,7 @@ pub(super) fn exact_look(
 ) -> Result<LookReference, CaseError> {
     let density = Density::new(&scenery.volume, scenery.map.clone())?;
     let look = scenery.effects.look(scenery.volume.grid(), &scenery.camera)?;
-    let options = ReferenceOptions { estimand, kernel, tolerance, max_depth: 6 };
+    let options = ReferenceOptions { estimand, kernel, tolerance, ..ReferenceOptions::default() };
     Ok(reference_with_look(&density, &scenery.camera, &look, &options, &Watch::default())?)
 }
 

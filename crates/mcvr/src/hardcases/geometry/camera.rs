@@ -48,7 +48,7 @@ pub(super) fn up_parallel(_: &Context) -> Result<Finding, CaseError> {
 /// Bernstein's inequality (false alarms: 1e-6) on every pixel of `count` and `line` images at fields of view of 0.001 and
 /// 179.9 degrees: the one from 1e5 diameters, where it holds the volume, the other from within it.
 pub(super) fn fields_of_view(_: &Context) -> Result<Finding, CaseError> {
-    let volume = cubes([12, 10, 9])?;
+    let volume = cubes([6, 5, 4])?;
     let density = identity(&volume)?;
     let (samples, mut worst) = (1 << 17, 0.0f64);
     let mut seen = vec![];
@@ -56,7 +56,7 @@ pub(super) fn fields_of_view(_: &Context) -> Result<Finding, CaseError> {
     for (fov, distance) in [(1e-3, 4e4), (179.9, 0.2)] {
         let distance = Some(distance * diameter);
         let view = View { fov: Some(fov), azimuth: 31.0, elevation: 17.0, distance, ..View::default() };
-        let camera = Camera::look(&view, volume.grid(), Extent::new(6, 6)?)?;
+        let camera = Camera::look(&view, volume.grid(), Extent::new(3, 3)?)?;
         let nearest = camera.near().max(view.distance.unwrap_or(0.0) - diameter);
         let scenery = plain(&volume, camera);
         for estimand in Estimand::ALL {

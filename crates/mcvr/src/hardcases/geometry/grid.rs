@@ -75,11 +75,11 @@ pub(super) fn thin_volumes(_: &Context) -> Result<Finding, CaseError> {
     for (n, dims) in [[1, 1, 1], [1, 40, 1], [1, 1, 33], [2, 1, 1], [2, 2, 2], [1, 7, 5]].into_iter().enumerate() {
         let volume = cubes(dims)?;
         let view = View { parallel: n % 2 == 0, ..View::default() };
-        let scenery = plain(&volume, Camera::look(&view, volume.grid(), Extent::new(6, 6)?)?);
+        let scenery = plain(&volume, Camera::look(&view, volume.grid(), Extent::new(4, 4)?)?);
         let nearest = 0.5 * volume.grid().diameter();
         for kernel in SEPARABLE {
             let estimand = Estimand::ALL[n / 2 % 2];
-            let truth = exact(&scenery, kernel, estimand, 1e-3)?;
+            let truth = exact(&scenery, kernel, estimand, 5e-3)?;
             let request = Request { method: Method::Mc, kernel, estimand, samples, ..Request::default() };
             let image = made(&scenery, &request)?.image;
             let largest = largest_amount(&scenery.camera, estimand, identity(&volume)?.mass(), nearest);

@@ -120,8 +120,8 @@ fn displacement(density: &Density, camera: &Camera, kernel: Kernel, along: usize
         return Err(format!("{} and {} samples inside", a.len(), b.len()).into());
     }
     let apart = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    // Pixel numbers are truncated positions: one unit each.
-    Ok((apart - 1.0).max(0.0) / f64::from(1u32 << k))
+    // Pixel numbers are truncated positions: one unit more, at worst.
+    Ok((apart + 1.0) / f64::from(1u32 << k))
 }
 
 /// Wherever 32 bits are chosen, no position may be off by more than the code states, [`Precision::LIMIT`] = 1/64 pixel; measured
@@ -150,9 +150,7 @@ pub(super) fn single_error(_: &Context) -> Result<Finding, CaseError> {
                     let small = Camera::from_matrix(camera.world_to_pixel(), Extent::new(side, 1)?, volume.grid(), None)?;
                     if render(&distribution, &one, &small, &options, &Watch::default())?.precision == Precision::F64 {
                         refused += 1;
-                        if side == 64 {
-                            forced = forced.max(displacement(&density, &camera, kernel, 0)?);
-                        }
+                        forced = forced.max(displacement(&density, &camera, kernel, 0)?);
                         continue;
                     }
                     chosen += 1;

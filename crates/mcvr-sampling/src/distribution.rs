@@ -107,7 +107,8 @@ impl<'a> Distribution<'a> {
             bytes,
         };
         // The quotient first: the smallest masses have few digits to lose.
-        let mass_of = |units: u64| if units == 0 { 0.0 } else { density.mass() * (units as f64 / weights.whole(density)) };
+        let mass_of =
+            |units: u64| if units == 0 { 0.0 } else { density.mass() * (units as f64 / weights.whole(density)) };
         let mass = if culled { mass_of(sum) } else { density.mass() };
         let near_mass = mass_of(tally.near_units);
         Ok(Self { density: Cow::Borrowed(density), layout, weights, before, order, counters, mass, near_mass })

@@ -119,7 +119,10 @@ crate::simd::vectorised! {
 /// # Panics
 /// When the results could leave 0..2^63.
 pub fn spread(positions: &mut [u64], offset: f64, scale: f64, largest: f64) {
-    assert!(offset >= 0.0 && scale >= 0.0 && (0.0..9_223_372_036_854_775_808.0).contains(&largest), "{offset} {scale} {largest}");
+    assert!(
+        offset >= 0.0 && scale >= 0.0 && (0.0..9_223_372_036_854_775_808.0).contains(&largest),
+        "{offset} {scale} {largest}"
+    );
     spread_at(crate::SimdLevel::detect(), positions, offset, scale, largest);
 }
 

@@ -3,8 +3,8 @@
 use mcvr_volume::{Volume, VolumeError};
 use rayon::prelude::*;
 
-use crate::density::{exponent, power_of_two};
 use crate::Density;
+use crate::density::{exponent, power_of_two};
 
 /// Share of the difference of two neighbours that moves to the larger one. In one dimension the weights become
 /// `w + (2w - left - right) / 12`, of variance -1/6 voxel²: just what `tent` adds.

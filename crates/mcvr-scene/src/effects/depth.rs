@@ -23,7 +23,8 @@ impl DepthColour {
         if let Some([near, far]) = self.range
             && !(near < far && (far - near).is_finite())
         {
-            let m = format!("depth-colour.range must rise, from near to far in mm, by a finite width; got {near}, {far}");
+            let m =
+                format!("depth-colour.range must rise, from near to far in mm, by a finite width; got {near}, {far}");
             return Err(SceneError::Effects(m));
         }
         match &self.stops {

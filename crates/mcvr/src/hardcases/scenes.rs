@@ -1,9 +1,7 @@
 //! Scenes that several groups pose, and the statistics that hold an image to its reference.
 
 use glam::{DMat3, DVec3};
-use mcvr_raycast::{
-    Counters, Integrator, LookReference, Reference, ReferenceOptions, reference, reference_with_look,
-};
+use mcvr_raycast::{Counters, Integrator, LookReference, Reference, ReferenceOptions, reference, reference_with_look};
 use mcvr_sampling::{
     BLOCK, Distribution, PointBlock, PointStream, Precision, RenderOptions, Rendered, Search, VoxelOrder, render,
 };
@@ -79,13 +77,7 @@ pub(super) fn pinhole(
 }
 
 /// A parallel camera whose image directions are `x` and `y` (pixels per mm) and whose image shows `shift` at the origin.
-pub(super) fn parallel(
-    x: DVec3,
-    y: DVec3,
-    shift: [f64; 2],
-    extent: Extent,
-    grid: &Grid,
-) -> Result<Camera, CaseError> {
+pub(super) fn parallel(x: DVec3, y: DVec3, shift: [f64; 2], extent: Extent, grid: &Grid) -> Result<Camera, CaseError> {
     let matrix = [[x.x, x.y, x.z, shift[0]], [y.x, y.y, y.z, shift[1]], [0.0, 0.0, 0.0, 1.0]];
     Ok(Camera::from_matrix(matrix, extent, grid, None)?)
 }

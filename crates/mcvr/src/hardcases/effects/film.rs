@@ -24,7 +24,8 @@ pub(super) fn transmission_ends(_: &Context) -> Result<Finding, CaseError> {
     let worst = (0..7080).map(off).fold(0.0, f64::max);
     let single = (-1e2f32).exp();
     let worst = if ends && falls { worst } else { f64::INFINITY };
-    Ok(Finding::new(worst, "of the rounding allowed", Bound::AtMost(1.0)).with(format!("exp(-100) in 32 bits: {single:e}")))
+    Ok(Finding::new(worst, "of the rounding allowed", Bound::AtMost(1.0))
+        .with(format!("exp(-100) in 32 bits: {single:e}")))
 }
 
 /// Counts at a mean of `λ = N0 T` have mean and variance `λ` and fourth moment `λ + 3 λ²`; over `n` pixels the mean has variance
@@ -155,7 +156,9 @@ pub(super) fn below_air(_: &Context) -> Result<Finding, CaseError> {
     let isovalues = [-32768i16, -2000, -1024, -1001, -1000, -999, 0, 1000, 3071, 32767];
     let volume: Volume = filled(Grid::with_spacing([isovalues.len(), 1, 1], [1.0; 3])?, |_| isovalues.to_vec())?;
     let (mut wrong, mut of) = (0, 0);
-    for hounsfield in [Hounsfield::of_water(0.02)?, Hounsfield::at_energy(60.0, 70.0)?, Hounsfield::at_energy(500.0, 40.0)?] {
+    for hounsfield in
+        [Hounsfield::of_water(0.02)?, Hounsfield::at_energy(60.0, 70.0)?, Hounsfield::at_energy(500.0, 40.0)?]
+    {
         let map = DensityMap { transfer: Transfer::Hounsfield(hounsfield), ..DensityMap::default() };
         let density = Density::new(&volume, map.clone())?;
         let report = density.report();

@@ -225,16 +225,14 @@ pub(super) fn tiny_cue(_: &Context) -> Result<Finding, CaseError> {
 /// Intensities up to 1e300 scale the image, each pixel rounded once; one that takes a pixel beyond the range of numbers is
 /// refused, and so are negative ones and those that are not finite. No image may hold an infinity or NaN.
 pub(super) fn intensity(_: &Context) -> Result<Finding, CaseError> {
-    let volume = cubes([6, 5, 5])?;
     let request = Request { samples: 1 << 12, ..Request::default() };
     let lit = |intensity: f64, scale: f64| -> Result<Made, CaseError> {
         let mut effects = shaded(DVec3::new(20.0, 12.0, 9.0), Sides::Two);
         effects.light.intensity = intensity;
         let grid = Grid::with_spacing([6, 5, 5], [scale; 3])?;
-        let volume = filled(grid, |n| bytes(n))?;
+        let volume = filled(grid, bytes)?;
         made(&plain(&volume, camera(&volume, 4)?).with_effects(effects), &request)
     };
-    drop(volume);
     let base = lit(1.0, 1.0)?.image;
     let (mut wrong, mut of) = (0, 0);
     for intensity in [0.0, 1e-300, 0.5, 1e100, 1e300] {

@@ -87,7 +87,8 @@ pub(super) fn in_density(_: &Context) -> Result<Finding, CaseError> {
             (worst, at) = (ratio, name);
         }
     }
-    Ok(Finding::new(worst, "of the allowed difference", Bound::AtMost(1.0)).with(format!("largest with the eye at: {at}")))
+    Ok(Finding::new(worst, "of the allowed difference", Bound::AtMost(1.0))
+        .with(format!("largest with the eye at: {at}")))
 }
 
 /// The eye looks along -x from inside a uniform block of 16 voxels under `box`: the near plane cuts the block where

@@ -29,7 +29,8 @@ pub(super) fn rays_on_edges(_: &Context) -> Result<Finding, CaseError> {
                 worst = worst.max(if v.is_finite() { (v - 20.0).abs() } else { f64::INFINITY });
             }
         }
-        let border = lines(&density, Kernel::Box, &camera, [[-0.5, 5.0], [5.0, -0.5], [19.5, 5.0], [-0.5, 19.5], [25.0, 3.0]])?;
+        let border =
+            lines(&density, Kernel::Box, &camera, [[-0.5, 5.0], [5.0, -0.5], [19.5, 5.0], [-0.5, 19.5], [25.0, 3.0]])?;
         for (v, expected) in border.iter().zip([20.0, 20.0, 0.0, 0.0, 0.0]) {
             worst = worst.max(if expected == 0.0 && *v != 0.0 { f64::INFINITY } else { (v - expected).abs() });
         }
@@ -98,7 +99,8 @@ pub(super) fn thin_volumes(_: &Context) -> Result<Finding, CaseError> {
 /// Places in the image of points within a volume, for comparing two grids of one object.
 fn rays<'a>(camera: &'a Camera, grid: &'a Grid) -> impl Iterator<Item = [f64; 2]> + 'a {
     (0..400u64).map(move |i| {
-        let at = DVec3::new(unit(3 * i), unit(3 * i + 1), unit(3 * i + 2)) * DVec3::from_array(grid.dims().map(|n| n as f64));
+        let at = DVec3::new(unit(3 * i), unit(3 * i + 1), unit(3 * i + 2))
+            * DVec3::from_array(grid.dims().map(|n| n as f64));
         let (x, y, _) = camera.project(grid.index_to_world().transform_point3(at - 0.5));
         [x, y]
     })
@@ -107,7 +109,11 @@ fn rays<'a>(camera: &'a Camera, grid: &'a Grid) -> impl Iterator<Item = [f64; 2]
 /// Largest difference between two lists over the largest value of the first, or infinity where that is no number or 0.
 fn apart(a: &[f64], b: &[f64]) -> f64 {
     let largest = a.iter().copied().fold(0.0, f64::max);
-    let off = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, |m: f64, v| if v.is_nan() { f64::INFINITY } else { m.max(v) });
+    let off = a
+        .iter()
+        .zip(b)
+        .map(|(a, b)| (a - b).abs())
+        .fold(0.0, |m: f64, v| if v.is_nan() { f64::INFINITY } else { m.max(v) });
     if largest > 0.0 { off / largest } else { f64::INFINITY }
 }
 
@@ -163,8 +169,8 @@ pub(super) fn mirrored(_: &Context) -> Result<Finding, CaseError> {
         let unit = |a: usize| DVec3::AXES[axes[a]] * if back(a) { -1.0 } else { 1.0 };
         let direction = DMat3::from_cols(unit(0), unit(1), unit(2));
         let last = |a: usize| (dims[axes[a]] - 1) as f64 * spacing[axes[a]];
-        let origin = plain_grid.origin()
-            + (0..3).filter(|a| back(*a)).map(|a| DVec3::AXES[axes[a]] * last(a)).sum::<DVec3>();
+        let origin =
+            plain_grid.origin() + (0..3).filter(|a| back(*a)).map(|a| DVec3::AXES[axes[a]] * last(a)).sum::<DVec3>();
         let grid = Grid::new(axes.map(|a| dims[a]), axes.map(|a| spacing[a]).into(), origin, direction)?;
         let same = filled(grid.clone(), |n| {
             let old = |i: usize| {
@@ -212,7 +218,8 @@ pub(super) fn oblique(_: &Context) -> Result<Finding, CaseError> {
         let direction = map * DMat3::from_diagonal(scale.recip());
         let grid = Grid::new(volume.grid().dims(), scale, by, direction)?;
         let same = filled(grid, bytes)?;
-        let camera = Camera::look(&View { parallel: n % 2 == 1, ..View::default() }, volume.grid(), Extent::new(6, 6)?)?;
+        let camera =
+            Camera::look(&View { parallel: n % 2 == 1, ..View::default() }, volume.grid(), Extent::new(6, 6)?)?;
         let truth = exact(&plain(&volume, camera.clone()), Kernel::Tent, Estimand::Count, 1e-3)?;
         let scenery = plain(&same, moved(&camera, map, by, same.grid())?);
         let request = Request { method: Method::Mc, estimand: Estimand::Count, samples, ..Request::default() };
@@ -220,9 +227,13 @@ pub(super) fn oblique(_: &Context) -> Result<Finding, CaseError> {
         // lie before the volume.
         worst = worst.max(disagreement(&made(&scenery, &request)?.image, &truth, samples, 1.0, f64::INFINITY));
         let cast = exact(&scenery, Kernel::Tent, Estimand::Count, 1e-3)?;
-        for ((a, b), (e, f)) in truth.image.values().iter().zip(cast.image.values()).zip(
-            truth.error.image.values().iter().zip(cast.error.image.values()),
-        ) {
+        for ((a, b), (e, f)) in truth
+            .image
+            .values()
+            .iter()
+            .zip(cast.image.values())
+            .zip(truth.error.image.values().iter().zip(cast.error.image.values()))
+        {
             worst = worst.max((a - b).abs() / (e + f).max(1e-15));
         }
     }
@@ -278,7 +289,10 @@ pub(super) fn extreme_grids(_: &Context) -> Result<Finding, CaseError> {
             let q = grid.world_to_index().transform_point3(grid.index_to_world().transform_point3(p));
             let v = grid.voxel_volume();
             let ratio = spacing.max_element() / spacing.min_element();
-            let fine = (p - q).length() <= 64.0 * f64::EPSILON * ratio && v.is_normal() && v > 0.0 && grid.diameter().is_finite();
+            let fine = (p - q).length() <= 64.0 * f64::EPSILON * ratio
+                && v.is_normal()
+                && v > 0.0
+                && grid.diameter().is_finite();
             wrong += u64::from(!fine);
         }
     }

@@ -54,10 +54,16 @@ pub(super) const CASES: &[Case] = &[
         camera::up_parallel,
     ),
     case(
-        "field-of-view-extremes",
-        "pixels of 1e-6 mm lose their digits; the tangent of 90 degrees spreads rays over everything",
+        "field-of-view-1e-3",
+        "a focal length of 1e5 image sides: positions lose their digits",
         "samples agree with ray casting, both estimands",
-        camera::fields_of_view,
+        camera::narrow_view,
+    ),
+    case(
+        "field-of-view-almost-180",
+        "the tangent of 90 degrees: everything falls into one pixel, or beside the image",
+        "the mass ahead is in the middle pixel; ray casting is off by no more than it says",
+        camera::wide_view,
     ),
     case(
         "camera-not-a-number",

@@ -85,13 +85,13 @@ pub(super) fn pixel_borders(_: &Context) -> Result<Finding, CaseError> {
 
 /// How far apart the positions of the same points along one image axis are in 32 and in 64 bits, in pixels of `camera`.
 ///
-/// The image's row is magnified by `2^k` so that its width is 2^20 to 2^23 pixels: scaling by a power of two changes no rounding,
+/// The image's row is magnified by `2^k` so that its width is 2^19 or 2^22 pixels: scaling by a power of two changes no rounding,
 /// so pixel numbers are the positions, in both precisions, to `2^-k`. Sorted positions pair up: the largest difference between
 /// two sorted lists is no larger than the largest error, and equal to it where points lie farther apart than they err.
 fn displacement(density: &Density, camera: &Camera, kernel: Kernel, along: usize) -> Result<f64, CaseError> {
     let extent = camera.extent();
     let side = [extent.width, extent.height][along];
-    let k = if side > 1 << 12 { 9 } else { (20 - side.next_power_of_two().ilog2()).min(16) };
+    let k = if side > 1 << 12 { 8 } else { (19 - side.next_power_of_two().ilog2()).min(16) };
     let m = camera.world_to_pixel();
     // The other axis is dropped: all of it in one pixel.
     let row = m[along].map(|v| v * f64::from(1u32 << k));
@@ -102,10 +102,16 @@ fn displacement(density: &Density, camera: &Camera, kernel: Kernel, along: usize
     let total = distribution.total();
     // Words in the middle of both precisions' grids of uniforms: the same number, to 2^-33.
     let words = |i: u64| [0, 1, 2].map(|a| (word(3 * i + a) >> 32) as u32 & !0x1ff | 0x100);
-    let mut points: Vec<_> = (0..512).map(|i| ((u128::from(word(!i)) * u128::from(total) >> 64) as u64, words(i))).collect();
+    let mut points: Vec<_> =
+        (0..512).map(|i| (((u128::from(word(!i)) * u128::from(total)) >> 64) as u64, words(i))).collect();
     // The ends of the volume and of the kernel, where positions are largest.
     let ends = [0x100, 0xffff_ff00];
     points.extend([0, total - 1].into_iter().flat_map(|t| ends.map(|w| (t, [w; 3]))));
+    // The poles of the shell, where its radius has the fewest digits.
+    points
+        .extend((0..128).map(|i| {
+            (word(i) % total, [(i as u32 * 37) << 9 | 0x100, (word(i) >> 32) as u32 & !0x1ff | 0x100, 0x100])
+        }));
     let points = Points(points);
     let positions = |precision| -> Result<Vec<f64>, CaseError> {
         let options =
@@ -147,7 +153,8 @@ pub(super) fn single_error(_: &Context) -> Result<Finding, CaseError> {
                     let one = Points(vec![(0, [1 << 31; 3])]);
                     let distribution = Distribution::new(&density, VoxelOrder::Raster)?;
                     let options = RenderOptions { estimand: Estimand::Count, kernel, ..RenderOptions::default() };
-                    let small = Camera::from_matrix(camera.world_to_pixel(), Extent::new(side, 1)?, volume.grid(), None)?;
+                    let small =
+                        Camera::from_matrix(camera.world_to_pixel(), Extent::new(side, 1)?, volume.grid(), None)?;
                     if render(&distribution, &one, &small, &options, &Watch::default())?.precision == Precision::F64 {
                         refused += 1;
                         forced = forced.max(displacement(&density, &camera, kernel, 0)?);

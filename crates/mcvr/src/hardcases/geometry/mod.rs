@@ -104,7 +104,7 @@ pub(super) const CASES: &[Case] = &[
     case(
         "rays-that-miss",
         "a slab test by rounding: faint or NaN values beside the volume",
-        "exactly 0",
+        "their integrals are exactly 0",
         camera::misses,
     ),
     case(

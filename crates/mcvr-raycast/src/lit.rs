@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 use mcvr_scene::effects::Look;
-use mcvr_scene::{Camera, Density, Kernel};
+use mcvr_scene::{Camera, Density, Kernel, power_of_two};
 
 use crate::adaptive::Integrand;
 use crate::cell::Piece;
@@ -58,6 +58,12 @@ struct Ray<'r, const C: usize> {
     stencil: Stencil,
 }
 
+/// A power of two that brings gradients near 1: only their direction counts, and squares of them must stay numbers.
+fn direction_scale(density: &Density) -> f64 {
+    let exponent = density.report().max_weight.log2().floor() as i32;
+    power_of_two(-exponent.clamp(-1000, 1000))
+}
+
 impl<'a, const C: usize, const N: usize> LitField<'a, C, N> {
     /// Scans the voxels once for the brick map.
     pub fn new(density: &'a Density, camera: &Camera, look: &'a Look, options: &ReferenceOptions) -> Self {
@@ -75,7 +81,7 @@ impl<'a, const C: usize, const N: usize> LitField<'a, C, N> {
             look,
             kernel,
             view: View::new(camera, volume.grid(), options.estimand, density.mass(), f64::from(shift)),
-            to_gradient: volume.grid().world_to_index().matrix3.transpose(),
+            to_gradient: volume.grid().world_to_index().matrix3.transpose() * direction_scale(density),
             stops,
             fit: Fit::new(),
             #[cfg(target_arch = "x86_64")]

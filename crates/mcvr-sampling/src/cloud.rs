@@ -248,6 +248,7 @@ pub fn project_cloud(
     check_samples(samples)?;
     let level = SimdLevel::choose(options.simd);
     let projection = Projection::new(&cloud.grid, camera, cloud.kernel, samples, options.precision)?;
+    projection.check(options.estimand)?;
     let projector = projection.stored_projector(options.estimand, level);
     let exposure = Exposure { camera, estimand: options.estimand, samples, mass: cloud.mass, share: 1.0 };
     exposure.run(&projection, start, watch, |block, scratch, film, _| {

@@ -144,6 +144,7 @@ pub fn render(
     let level = SimdLevel::choose(options.simd);
     let density = distribution.density();
     let projection = Projection::new(density.volume().grid(), camera, options.kernel, samples, options.precision)?;
+    projection.check(options.estimand)?;
     let projector = projection.projector(options.kernel, options.estimand, level);
     let locator = locator(distribution, level);
     let exposure = Exposure {
@@ -189,6 +190,7 @@ pub fn render_look(
     let level = SimdLevel::choose(options.simd);
     let density = distribution.density();
     let projection = Projection::new(density.volume().grid(), camera, options.kernel, samples, options.precision)?;
+    projection.check(options.estimand)?;
     let projector = projection.projector(options.kernel, options.estimand, level);
     let locator = locator(distribution, level);
     let effects = EffectPasses::new(density, camera, look, &projection, options, level)?;

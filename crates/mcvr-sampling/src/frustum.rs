@@ -10,7 +10,7 @@ const MARGIN: f64 = 1.0;
 /// What a camera sees of a box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Sight {
-    /// Perhaps something.
+    /// Perhaps something, or the near plane cuts it in two.
     Seen,
     /// Nothing: all of it projects beside the image.
     Beside,
@@ -70,11 +70,13 @@ impl Frustum {
             let size = a.abs().dot(middle.abs() + half) + b.abs();
             a.dot(middle) + b + a.abs().dot(half) + 1e-9 * size < 0.0
         };
+        let before = |(a, b): &(DVec3, f64)| a.dot(middle) + b - a.abs().dot(half) < 0.0;
         if self.near.as_ref().is_some_and(outside) {
             Sight::Near
+        } else if self.near.as_ref().is_some_and(before) {
+            // The near plane passes through it: only samples tell how much of its mass is cut off.
+            Sight::Seen
         } else if self.sides.iter().any(outside) {
-            // The sides bound what is beyond the eye; a box that no near plane cuts off may still reach behind it, where
-            // nothing is seen either.
             Sight::Beside
         } else {
             Sight::Seen

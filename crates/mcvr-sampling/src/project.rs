@@ -25,6 +25,18 @@ impl Precision {
     pub const LIMIT: f64 = 1.0 / 64.0;
 }
 
+/// Units of fixed point that the faintest sample must weigh at least: rounding is then at most 1/128 of it, either way.
+pub(crate) const LEAST_UNITS: f64 = 64.0;
+
+/// Bound on the error of a kernel's offset in 32 bits, in voxels: a few roundings (the tests of [`crate::offset`] hold them to
+/// 8), but for the shell, whose radius is the root of a difference of at least 2^-22 from 1 that errs by 2^-24.
+fn offset_error(kernel: Kernel) -> f64 {
+    match kernel {
+        Kernel::Box | Kernel::Tent | Kernel::Bspline3 => 8.0 * f64::from(f32::EPSILON),
+        Kernel::Shell => 0.5f64.powi(14),
+    }
+}
+
 /// Whether samples carry the `line` weight.
 pub(crate) trait Weigh: Send + Sync {
     const LINE: bool;
@@ -71,6 +83,11 @@ pub(crate) struct Projection {
     stretch: [f64; 6],
     /// Largest weight `|M⁻¹(px, py, 1)| / z²` that a sample inside the image can have.
     largest_weight: f64,
+    /// Bound from below on the weight of a sample inside the image, over the largest.
+    faintest: f64,
+    /// Largest depth of a sample, mm.
+    farthest: f64,
+    samples: u64,
     bits: u32,
 }
 
@@ -124,16 +141,24 @@ impl Projection {
         let largest =
             [(-1., -1.), (1., -1.), (-1., 1.), (1., 1.)].map(|(x, y)| corner(x, y)).into_iter().fold(0.0, f64::max);
         let largest_weight = largest / (nearest * nearest) * (1.0 + 1e-6);
+        // A ray gains at least 1 mm of way per mm of depth, so no stretch is below 1.
+        let farthest = if perspective { shift[2] + span(2) } else { 1.0 };
+        let faintest = 1.0 / (farthest * farthest) / largest_weight;
 
         // Forward error of three products and sums, then the quotient: |q| and w each err by at most
         // 4 eps (|shift| + span), a pixel position p = q / w by (err_q + |p| err_w) / w + eps |p|.
         let eps = f64::from(f32::EPSILON);
-        let err = |r: usize| 4.0 * eps * (shift[r].abs() + span(r));
+        let offset = offset_error(kernel);
+        let err = |r: usize| {
+            let per_voxel: f64 = matrix[r].iter().map(|m| m.abs()).sum();
+            4.0 * eps * (shift[r].abs() + span(r)) + offset * per_voxel
+        };
         let pixel_error =
             ((err(0).max(err(1)) + w.max(h) * if perspective { err(2) } else { 0.0 }) / nearest) + eps * w.max(h);
         let spread = if perspective { ((shift[2] + span(2)) / nearest).powi(2) } else { 1.0 };
         let exact_integers = dims.iter().all(|&n| n < 1 << 23) && w.max(h) < f64::from(1 << 20);
-        let fits = pixel_error <= Precision::LIMIT && spread <= 64.0 && exact_integers;
+        let resolved = f64::from(1u32 << f32::FIXED_BITS) * faintest >= 64.0 * LEAST_UNITS;
+        let fits = pixel_error <= Precision::LIMIT && spread <= 64.0 && exact_integers && resolved;
         let precision = force.unwrap_or(if fits { Precision::F32 } else { Precision::F64 });
         let cap = match precision {
             Precision::F32 => f32::FIXED_BITS,
@@ -141,7 +166,43 @@ impl Projection {
         };
         // Sums of `samples` weights below 2^bits stay below 2^63.
         let bits = cap.min(62 - (u64::BITS - samples.leading_zeros()));
-        Ok(Self { precision, matrix, shift, centre, near, extent, stretch, largest_weight, bits })
+        Ok(Self {
+            precision,
+            matrix,
+            shift,
+            centre,
+            near,
+            extent,
+            stretch,
+            largest_weight,
+            faintest,
+            farthest,
+            samples,
+            bits,
+        })
+    }
+
+    /// The least that a sample inside the image can weigh, in units of fixed point; under `count` all weigh the same.
+    pub(crate) fn faintest_units(&self, estimand: Estimand) -> f64 {
+        let whole = 2f64.powi(self.bits as i32);
+        if estimand == Estimand::Line { whole * self.faintest } else { whole }
+    }
+
+    /// Refuses near planes so close that the weights of most samples would be lost to rounding.
+    pub(crate) fn check(&self, estimand: Estimand) -> Result<(), SamplingError> {
+        if self.faintest_units(estimand) >= LEAST_UNITS {
+            return Ok(());
+        }
+        // Weights grow as the reciprocal square of the near plane; the root of the stretch comes with it.
+        let stretch = (self.largest_weight * self.near * self.near).max(1.0);
+        let stretch = if stretch.is_finite() { stretch } else { quadratic(&self.stretch, 0.0, 0.0).sqrt() };
+        let least = self.farthest * (LEAST_UNITS * stretch / 2f64.powi(self.bits as i32)).sqrt();
+        Err(SamplingError::Camera(format!(
+            "near plane at {:e} mm: line weights grow as the reciprocal square of the depth, and from there to {:.3} mm they \
+             differ by more than {} bits of fixed point hold for {} samples; use a near plane of at least {least:.2e} mm, \
+             or the estimand count",
+            self.near, self.farthest, self.bits, self.samples
+        )))
     }
 
     pub(crate) fn precision(&self) -> Precision {

@@ -118,9 +118,22 @@ impl Camera {
         grid: &Grid,
         near: Option<f64>,
     ) -> Result<Self, SceneError> {
+        Self::signed(matrix, extent, grid, near, None)
+    }
+
+    /// As [`Camera::from_matrix`]; `sign` is the depth's sign where it is known rather than told from the grid's centre.
+    fn signed(
+        matrix: [[f64; 4]; 3],
+        extent: Extent,
+        grid: &Grid,
+        near: Option<f64>,
+        sign: Option<f64>,
+    ) -> Result<Self, SceneError> {
         if matrix.iter().flatten().any(|v| !v.is_finite()) {
             return Err(SceneError::Camera(format!("every entry of the 3x4 matrix must be finite, got {matrix:?}")));
         }
+        let given = matrix;
+        let matrix = normalised(matrix);
         let near = near.unwrap_or(grid.diameter() * 1e-3);
         if !near.is_finite() || near <= 0.0 {
             return Err(SceneError::Camera(format!("the near plane must be a positive distance in mm, got {near}")));
@@ -133,7 +146,7 @@ impl Camera {
         let scale = if parallel {
             1.0 / shift.z
         } else {
-            let w = rows[2].dot(grid.centre()) + shift.z;
+            let w = sign.unwrap_or_else(|| rows[2].dot(grid.centre()) + shift.z);
             if w == 0.0 {
                 return Err(SceneError::Camera("the volume's centre lies in the plane of the eye".into()));
             }
@@ -150,7 +163,7 @@ impl Camera {
         let det = full.determinant().abs();
         let size = rows[0].length() * rows[1].length();
         if !det.is_finite() || !size.is_finite() || det <= 1e-12 * size || depth_axis == DVec3::ZERO {
-            return Err(SceneError::Camera(format!("the 3x4 matrix is degenerate: {matrix:?}")));
+            return Err(SceneError::Camera(format!("the 3x4 matrix is degenerate: {given:?}")));
         }
         Ok(Self { rows, shift, extent, parallel, near, inverse: full.inverse(), det })
     }
@@ -197,7 +210,8 @@ impl Camera {
         };
         let shift: [f64; 3] = std::array::from_fn(|r| eye_free[r] - rows[r].dot(centre));
         let matrix = std::array::from_fn(|r| [rows[r].x, rows[r].y, rows[r].z, shift[r]]);
-        Self::from_matrix(matrix, extent, grid, view.near)
+        // The depth's sign is known: told from the grid's centre it would be lost to rounding when the eye is all but there.
+        Self::signed(matrix, extent, grid, view.near, Some(1.0))
     }
 
     /// The matrix by rows, scaled as described at [`Camera`].
@@ -277,6 +291,19 @@ impl Camera {
         let along = (grid.direction().transpose() * self.axis()).abs().to_array();
         (0..3).max_by(|&a, &b| along[a].total_cmp(&along[b])).unwrap_or(0)
     }
+}
+
+/// The matrix times the power of two that brings its largest entry into [1, 2), so that no square of an entry overflows and none
+/// that matters vanishes. No digit changes.
+fn normalised(matrix: [[f64; 4]; 3]) -> [[f64; 4]; 3] {
+    let largest = matrix.iter().flatten().fold(0.0f64, |m, v| m.max(v.abs()));
+    if largest == 0.0 {
+        return matrix;
+    }
+    let exponent = largest.log2().floor() as i32;
+    // In two steps, each of which is a number.
+    let (first, second) = (2f64.powi(-exponent / 2), 2f64.powi(-exponent - -exponent / 2));
+    matrix.map(|r| r.map(|v| v * first * second))
 }
 
 #[cfg(test)]

@@ -21,19 +21,41 @@ impl Grid {
     /// Most voxels that a grid may have: linear indices and sums of them stay far from overflow.
     pub const MAX_VOXELS: u64 = 1 << 40;
 
+    /// Smallest and largest spacing in mm: squares of lengths, volumes and their reciprocals stay within the range of numbers.
+    pub const SPACINGS: [f64; 2] = [1e-50, 1e50];
+
+    /// Most by which the spacings may differ: an index rounds to 2^-53 of this.
+    pub const MAX_SPACING_RATIO: f64 = 1e9;
+
+    /// Farthest that an origin may be from the world's, in mm.
+    pub const MAX_ORIGIN: f64 = 1e50;
+
     /// A grid with its first voxel's centre at `origin` (mm), `spacing` in mm per voxel along each
     /// grid axis, and `direction` whose columns are the world directions of the grid axes.
     ///
     /// # Errors
     /// [`VolumeError::Grid`] when an extent is zero, the voxel count exceeds [`Self::MAX_VOXELS`],
-    /// a spacing is not positive and finite, or the direction is singular or not finite.
+    /// a spacing is not positive and finite or beyond [`Self::SPACINGS`], two differ by more than
+    /// [`Self::MAX_SPACING_RATIO`], the origin is beyond [`Self::MAX_ORIGIN`], or the direction is singular or not finite.
     pub fn new(dims: [usize; 3], spacing: DVec3, origin: DVec3, direction: DMat3) -> Result<Self, VolumeError> {
         checked_voxel_count(dims)?;
         if !spacing.is_finite() || spacing.min_element() <= 0.0 {
             return Err(VolumeError::Grid(format!("spacing must be positive and finite on every axis, got {spacing}")));
         }
-        if !origin.is_finite() {
-            return Err(VolumeError::Grid(format!("origin must be finite, got {origin}")));
+        let [least, most] = Self::SPACINGS;
+        let (small, large) = (spacing.min_element(), spacing.max_element());
+        if small < least || large > most || large / small > Self::MAX_SPACING_RATIO {
+            return Err(VolumeError::Grid(format!(
+                "spacing must lie between {least:e} and {most:e} mm and differ between axes by at most a factor of {:e}, \
+                 got {spacing:?}",
+                Self::MAX_SPACING_RATIO
+            )));
+        }
+        if !origin.is_finite() || origin.abs().max_element() > Self::MAX_ORIGIN {
+            return Err(VolumeError::Grid(format!(
+                "origin must be finite and at most {:e} mm from 0 on every axis, got {origin:?}",
+                Self::MAX_ORIGIN
+            )));
         }
         let det = direction.determinant();
         if !direction.is_finite() || !det.is_finite() || det.abs() < 1e-6 {

@@ -159,8 +159,25 @@ pub fn make(scenery: &Scenery, request: &Request, watch: &Watch<'_>) -> Result<M
     } else {
         cast(&density, scenery, request, watch, start)?
     };
+    for image in made.colour.iter().flatten().chain([&made.image]) {
+        check_finite(image)?;
+    }
     made.seconds.complete = start.elapsed().as_secs_f64();
     Ok(made)
+}
+
+/// Refuses an image with a pixel that is no number.
+fn check_finite(image: &Image) -> Result<(), MakeError> {
+    match image.values().iter().position(|v| !v.is_finite()) {
+        None => Ok(()),
+        Some(at) => Err(MakeError::Scene(SceneError::Image(format!(
+            "pixel {},{} came out as {}: weights times mm, or the light's intensity times that, exceed the range of numbers; \
+             scale them down",
+            at % image.extent().width,
+            at / image.extent().width,
+            image.values()[at]
+        )))),
+    }
 }
 
 fn sampled(

@@ -5,13 +5,14 @@ pub(crate) mod gradient;
 mod passes;
 mod positions;
 
-use mcvr_scene::{Camera, Density, Estimand, Look};
+use mcvr_scene::{Camera, Density, Estimand, Kernel, Look};
+use mcvr_volume::Grid;
 
 use self::gradient::{CORNERS, Gradients, STENCIL, Stored};
 use self::passes::{Light, Ramp, Voxelwise, amounts_grey, amounts_rgb, compact, palette};
 use self::positions::Place;
 use crate::engine::{Counters, Scratch};
-use crate::project::Projection;
+use crate::project::{LEAST_UNITS, Projection};
 use crate::{GradientSource, RenderOptions, SamplingError, SimdLevel};
 
 /// The passes of one image.
@@ -44,6 +45,30 @@ pub(crate) struct Layers {
     colours: [Vec<f64>; 3],
 }
 
+/// Refuses a depth cue whose largest value, next to the light, leaves the others no digits.
+fn check_cue(
+    look: &Look,
+    grid: &Grid,
+    kernel: Kernel,
+    projection: &Projection,
+    estimand: Estimand,
+) -> Result<(), SamplingError> {
+    let (Some(minimum), Some(light)) = (look.cue_minimum, look.light) else { return Ok(()) };
+    let far = grid.corners(kernel.support()).into_iter().map(|c| (c - light).length()).fold(minimum, f64::max);
+    let units = projection.faintest_units(estimand);
+    if units >= LEAST_UNITS * far * look.largest_cue(grid, kernel) {
+        return Ok(());
+    }
+    Err(SamplingError::Limit {
+        method: "depth-cue",
+        problem: format!(
+            "a sample {minimum:e} mm from the light (depth-cue.minimum) outshines one at {far:.3} mm by more than fixed point \
+             holds; use a minimum of at least {:.2e} mm",
+            LEAST_UNITS * far / units
+        ),
+    })
+}
+
 impl<'a> EffectPasses<'a> {
     /// Puts the passes together for a density, which must outlive them.
     pub(crate) fn new(
@@ -64,6 +89,7 @@ impl<'a> EffectPasses<'a> {
         };
         let light = Light::new(grid, look, kernel);
         let largest = light.as_ref().map_or(1.0, |l| l.largest_cue);
+        check_cue(look, grid, kernel, projection, options.estimand)?;
         Ok(Self {
             place: positions::place(projection.precision(), kernel, grid, level),
             gradients,

@@ -21,9 +21,10 @@ pub struct DepthColour {
 impl DepthColour {
     pub(super) fn check(&self) -> Result<(), SceneError> {
         if let Some([near, far]) = self.range
-            && !(near.is_finite() && far.is_finite() && near < far)
+            && !(near < far && (far - near).is_finite())
         {
-            let m = format!("depth-colour.range must rise, from near to far in mm; got {near}, {far}");
+            let m =
+                format!("depth-colour.range must rise, from near to far in mm, by a finite width; got {near}, {far}");
             return Err(SceneError::Effects(m));
         }
         match &self.stops {

@@ -51,10 +51,17 @@ impl DepthRamp {
     /// The colour at a depth in mm.
     pub fn colour(&self, depth: f64) -> [f64; 3] {
         let last = self.stops.len() - 1;
-        let t = ((depth - self.range[0]) / (self.range[1] - self.range[0])).clamp(0.0, 1.0) * last as f64;
+        let share = (depth - self.range[0]) / (self.range[1] - self.range[0]);
+        // Colours end in fixed point, so NaN (a depth or a range that is no number) is the first one.
+        let t = if share > 0.0 { share.min(1.0) } else { 0.0 } * last as f64;
         let i = (t as usize).min(last - 1);
         let f = t - i as f64;
-        std::array::from_fn(|c| self.stops[i][c] + f * (self.stops[i + 1][c] - self.stops[i][c]))
+        if f == 1.0 {
+            return self.stops[i + 1];
+        }
+        // Rounding may leave a colour just beyond its stops.
+        let mix = |a: f64, b: f64| (a + f * (b - a)).clamp(a.min(b), a.max(b));
+        std::array::from_fn(|c| mix(self.stops[i][c], self.stops[i + 1][c]))
     }
 }
 
@@ -133,14 +140,14 @@ impl Look {
         self.channels() == 3 || self.tint.iter().any(|t| *t != self.tint[0])
     }
 
-    /// Lambert's factor for a gradient (any length) at a world position: 0 for no gradient, or with the light there.
+    /// Lambert's factor for a gradient (any finite length) at a world position: 0 for no gradient, or with the light there.
     pub fn lambert(&self, sides: Sides, x: DVec3, gradient: DVec3) -> f64 {
         let to_light = self.light.unwrap_or(DVec3::ZERO) - x;
         // The largest component first, so that squares neither overflow nor vanish.
         let largest = gradient.abs().max_element();
         let normal = gradient / largest;
         let scale = (normal.length_squared() * to_light.length_squared()).sqrt();
-        if largest == 0.0 || scale == 0.0 {
+        if largest == 0.0 || scale == 0.0 || !largest.is_finite() {
             return 0.0;
         }
         let cosine = -normal.dot(to_light) / scale;

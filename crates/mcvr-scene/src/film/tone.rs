@@ -58,14 +58,24 @@ impl Tone {
             if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(rank, f64::total_cmp).1 }
         };
         let (low, high) = (at(self.window[0]), at(self.window[1]));
-        if high > low { [low, high] } else { [low, at(100.0).max(low + 1e-300)] }
+        if high > low {
+            return [low, high];
+        }
+        // The next number above, as adding a little changes nothing at most sizes.
+        [low, at(100.0).max(low.next_up())]
     }
 
     /// Grey levels in 0..=1 between the given limits.
     pub fn apply(&self, image: &Image, limits: [f64; 2]) -> Vec<f64> {
         let [low, high] = limits;
         let grey = |v: f64| {
-            let x = ((v - low) / (high - low)).clamp(0.0, 1.0);
+            // Halves where the window is wider than the largest number. The value next to that is infinite.
+            let share = if (high - low).is_finite() {
+                (v - low) / (high - low)
+            } else {
+                (0.5 * v - 0.5 * low) / (0.5 * high - 0.5 * low)
+            };
+            let x = share.clamp(0.0, 1.0);
             let y = match self.curve {
                 Curve::Linear => x,
                 Curve::Log => (100.0 * x).ln_1p() / 100f64.ln_1p(),

@@ -21,6 +21,7 @@ mod measures;
 mod program;
 mod running;
 mod scale;
+mod scenes;
 mod sequences;
 mod support;
 

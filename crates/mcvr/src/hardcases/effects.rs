@@ -1,5 +1,0 @@
-//! Effects.
-
-use super::Case;
-
-pub(super) const CASES: &[Case] = &[];

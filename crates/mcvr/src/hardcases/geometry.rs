@@ -1,5 +1,0 @@
-//! Geometry.
-
-use super::Case;
-
-pub(super) const CASES: &[Case] = &[];

@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
+use mcvr_volume::open_regular;
 use serde::{Deserialize, Serialize};
 
 use crate::{HarnessError, PhaseSeconds};
@@ -108,6 +109,10 @@ impl RecordLog {
     /// [`HarnessError::File`] when the file cannot be opened, another run holds it, or a whole line is no record.
     pub fn open(path: &Path) -> Result<(Self, Vec<Record>), HarnessError> {
         let fail = |e: std::io::Error| HarnessError::file(path, e);
+        if path.exists() {
+            // A pipe or a device would never end.
+            open_regular(path).map_err(fail)?;
+        }
         let mut file = File::options().read(true).write(true).create(true).truncate(false).open(path).map_err(fail)?;
         file.try_lock().map_err(|e| match e {
             std::fs::TryLockError::WouldBlock => HarnessError::file(path, "another run is writing this file"),
@@ -139,7 +144,10 @@ impl RecordLog {
 /// # Errors
 /// [`HarnessError::File`] when the file cannot be read or a whole line is no record.
 pub fn read_log(path: &Path) -> Result<Vec<Record>, HarnessError> {
-    let bytes = std::fs::read(path).map_err(|e| HarnessError::file(path, e))?;
+    let mut bytes = Vec::new();
+    open_regular(path)
+        .and_then(|mut file| file.read_to_end(&mut bytes))
+        .map_err(|e| HarnessError::file(path, e))?;
     Ok(parse(path, &bytes)?.0)
 }
 

@@ -15,7 +15,7 @@
 mod case;
 mod distributions;
 mod effects;
-mod files;
+pub mod files;
 mod geometry;
 mod running;
 mod scale;
@@ -33,9 +33,9 @@ pub fn catalogue() -> impl Iterator<Item = &'static Case> {
         geometry::CASES,
         effects::CASES,
         scale::CASES,
-        files::CASES,
-        running::CASES,
     ]
     .into_iter()
+    .chain(files::CASES.iter().copied())
+    .chain([running::CASES])
     .flatten()
 }

@@ -22,7 +22,8 @@ pub fn of(target: &str, folder: &Path) -> Vec<Vec<u8>> {
     let mut seeds: Vec<Vec<u8>> = wanted
         .map(|g| {
             // The last byte of a volume says how it is opened: headerless ones with options.
-            let how: &[u8] = if g.reader == Reader::Volume { &[if g.format.starts_with("raw") { 4 } else { 0 }] } else { b"" };
+            let how: &[u8] =
+                if g.reader == Reader::Volume { &[if g.format.starts_with("raw") { 4 } else { 0 }] } else { b"" };
             [&g.bytes, how].concat()
         })
         .collect();

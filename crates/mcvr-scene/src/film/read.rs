@@ -13,8 +13,8 @@ use super::Image;
 use super::file::fail;
 use crate::{Extent, SceneError};
 
-/// Most bytes that a decoder may take for one byte of file: deflate gives 1032, each of which may hold eight pixels.
-const MAX_RATIO: u64 = 1032 * 8;
+/// Most bytes that one byte of packed data unpacks to, by deflate.
+const DEFLATE: u64 = 1032;
 /// What a decoder may take for itself.
 const SCRATCH: u64 = 1 << 20;
 /// Longest header of an array; NumPy's own limit.
@@ -44,11 +44,15 @@ pub fn read(path: &Path) -> Result<Image, SceneError> {
 
 fn decode(file: File, length: u64) -> Result<Image, String> {
     let mut reader = ImageReader::new(BufReader::new(file)).with_guessed_format().map_err(|e| e.to_string())?;
-    if !matches!(reader.format(), Some(ImageFormat::Png | ImageFormat::OpenExr | ImageFormat::Tiff)) {
-        return Err("is no image in PNG, EXR or TIFF (an array must be called .npy)".into());
-    }
+    let ratio = match reader.format() {
+        // A byte may hold eight pixels, each of which becomes a byte.
+        Some(ImageFormat::Png) => DEFLATE * 8,
+        // No more, because the entries of a TIFF's directory take 16 times the memory that they are counted with.
+        Some(ImageFormat::OpenExr | ImageFormat::Tiff) => DEFLATE,
+        _ => return Err("is no image in PNG, EXR or TIFF (an array must be called .npy)".into()),
+    };
     let mut limits = Limits::default();
-    limits.max_alloc = Some(length.saturating_mul(MAX_RATIO).saturating_add(SCRATCH));
+    limits.max_alloc = Some(length.saturating_mul(ratio).saturating_add(SCRATCH));
     reader.limits(limits);
     let decoded = reader.decode().map_err(|e| e.to_string())?;
     if decoded.color().has_color() {

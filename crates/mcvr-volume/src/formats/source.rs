@@ -42,6 +42,12 @@ impl Source {
         self.path.parent().unwrap_or(Path::new("")).join(name)
     }
 
+    /// True when both are one file, perhaps under two names.
+    pub(crate) fn is_same_file(&self, other: &Self) -> bool {
+        let real = |path: &Path| path.canonicalize().ok();
+        real(&self.path).is_some_and(|p| real(&other.path) == Some(p))
+    }
+
     /// The whole content.
     pub(crate) fn bytes(&self) -> &[u8] {
         &self.map

@@ -74,8 +74,7 @@ fn roughness<T: Voxel>(voxels: &[T], nx: usize, map: impl Fn(T) -> T) -> Option<
 fn outlandish<T: Voxel>(voxels: &[T], map: impl Fn(T) -> T) -> f64 {
     let looked = voxels.iter().step_by(voxels.len().div_ceil(PAIRS).max(1));
     let values = looked.map(|&v| map(v).to_f64());
-    let (all, odd) = values.fold((0u64, 0u64), |(all, odd), x| {
-        (all + 1, odd + u64::from(x != 0.0 && !PLAUSIBLE.contains(&x.abs())))
-    });
+    let (all, odd) = values
+        .fold((0u64, 0u64), |(all, odd), x| (all + 1, odd + u64::from(x != 0.0 && !PLAUSIBLE.contains(&x.abs()))));
     odd as f64 / all.max(1) as f64
 }

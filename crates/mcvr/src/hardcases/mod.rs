@@ -27,15 +27,9 @@ pub use support::Context;
 
 /// Every case, group by group.
 pub fn catalogue() -> impl Iterator<Item = &'static Case> {
-    [
-        distributions::CASES,
-        sequences::CASES,
-        geometry::CASES,
-        effects::CASES,
-        scale::CASES,
-    ]
-    .into_iter()
-    .chain(files::CASES.iter().copied())
-    .chain([running::CASES])
-    .flatten()
+    [distributions::CASES, sequences::CASES, geometry::CASES, effects::CASES, scale::CASES]
+        .into_iter()
+        .chain(files::CASES.iter().copied())
+        .chain([running::CASES])
+        .flatten()
 }

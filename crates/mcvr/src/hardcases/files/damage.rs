@@ -4,6 +4,8 @@ use std::ops::AddAssign;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
+use tempfile::TempDir;
+
 use super::super::{CaseError, Context, Finding};
 use super::good::{GoodFile, Print, Reader, good_files};
 
@@ -23,8 +25,8 @@ pub(super) enum May {
     Keep,
 }
 
-/// Longest error, bytes: it is shown on a terminal.
-const LONGEST_ERROR: usize = 4096;
+/// Longest error, bytes, which is shown on a terminal: half a page, and the longest path that a system opens.
+const LONGEST_ERROR: usize = 2048 + 4096;
 
 /// Counts over many variants.
 #[derive(Clone, Debug, Default)]
@@ -95,9 +97,10 @@ impl Tally {
     /// The finding: no variant may be wrong.
     pub(super) fn finding(self, what: &str, detail: &str) -> Finding {
         let Self { of, refused, kept, other, wrong, first } = self;
-        let mut text = format!("{refused} refused, {kept} read unchanged, {other} read as another of the same form");
-        if !detail.is_empty() {
-            text += &format!("; {detail}");
+        let mut text = detail.to_owned();
+        if refused + kept + other > 0 {
+            let remark = if detail.is_empty() { String::new() } else { format!("; {detail}") };
+            text = format!("{refused} refused, {kept} read unchanged, {other} read as others that are usable{remark}");
         }
         if let Some(first) = first {
             text = format!("first wrong: {first}; {text}");
@@ -129,9 +132,15 @@ pub(super) fn print_of(good: &GoodFile, path: &Path) -> Result<Print, CaseError>
     Ok(good.reader.read(path).map_err(|e| format!("the good {} is refused: {e}", good.format))?)
 }
 
+/// A folder in memory where there is such a place: tens of thousands of files are written.
+fn fast_folder(context: &Context) -> Result<TempDir, CaseError> {
+    let memory = tempfile::Builder::new().prefix("mcvr-hardcases-").tempdir_in("/dev/shm");
+    memory.or_else(|_| context.folder())
+}
+
 /// Every variant of one file, judged on all processors, each with a folder of its own.
 pub(super) fn judge(context: &Context, good: &GoodFile, may: May, variants: &[Variant]) -> Result<Tally, CaseError> {
-    let folder = context.folder()?;
+    let folder = fast_folder(context)?;
     let threads = std::thread::available_parallelism().map_or(1, usize::from).min(variants.len()).max(1);
     let mut paths = vec![];
     for n in 0..threads {
@@ -144,6 +153,8 @@ pub(super) fn judge(context: &Context, good: &GoodFile, may: May, variants: &[Va
     let work = |(n, path): (usize, &PathBuf)| {
         let mut tally = Tally::default();
         for (what, bytes) in variants.iter().skip(n).step_by(threads) {
+            // A new file each time: a journal may wait for the disk when one is cut and written anew.
+            let _ = std::fs::remove_file(path);
             std::fs::write(path, bytes)?;
             tally.judge(&format!("{}, {what}", good.format), path, good.reader, may, Some(&print));
         }

@@ -163,7 +163,6 @@ pub fn good_files(folder: &Path) -> Result<Vec<GoodFile>, CaseError> {
     Ok(files)
 }
 
-
 /// A scene with every kind of value.
 const SCENE: &str = "[volume]\ninput = \"phantom:lobster@32\"\n[[camera]]\nname = \"a\"\nview = [30.0, 50.0]\nfov = 20.0\n\
     [image]\nsize = [40, 30]\nkernel = \"tent\"\n[effects]\nshading = { sides = \"two\" }\n\

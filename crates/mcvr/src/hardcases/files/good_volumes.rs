@@ -49,7 +49,12 @@ pub(super) fn volumes(folder: &Path) -> std::result::Result<Vec<GoodFile>, CaseE
     Ok(vec![
         file("NRRD", "a.nrrd", nrrd.as_bytes(), &data),
         file("NRRD, packed", "a.nrrd", nrrd.replace("encoding: raw", "encoding: gzip").as_bytes(), &gzip(&data)?),
-        beside(file("NRRD, detached", "a.nhdr", (nrrd.trim_end().to_owned() + "\ndata file: data.raw\n").as_bytes(), b"")),
+        beside(file(
+            "NRRD, detached",
+            "a.nhdr",
+            (nrrd.trim_end().to_owned() + "\ndata file: data.raw\n").as_bytes(),
+            b"",
+        )),
         file("MetaImage", "a.mha", meta.as_bytes(), &data),
         file("MetaImage, packed", "a.mha", meta.replace("Data = False", "Data = True").as_bytes(), &zlib(&data)?),
         beside(file("MetaImage, detached", "a.mhd", meta.replace("= LOCAL", "= data.raw").as_bytes(), b"")),

@@ -5,7 +5,9 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use mcvr_harness::record::RecordLog;
-use mcvr_volume::{Endian, Grid, RawOptions, Summary, Volume, VoxelType, Voxels, byte_order_suspicion, open, write_nrrd};
+use mcvr_volume::{
+    Endian, Grid, RawOptions, Summary, Volume, VoxelType, Voxels, byte_order_suspicion, open, write_nrrd,
+};
 
 use super::super::{Case, CaseError, Context, Finding};
 use super::case;

@@ -75,7 +75,11 @@ fn plain_data(files: &[GoodFile]) -> Vec<u8> {
 /// libraries reserve some 200.
 fn limited(program: &Path, command: &str, file: &Path) -> Result<(Option<i32>, String), CaseError> {
     let mut shell = Command::new("sh");
-    shell.args(["-c", "ulimit -v 524288 && exec \"$@\"", "sh"]).arg(program).args(["--threads", "2", command]).arg(file);
+    shell
+        .args(["-c", "ulimit -v 524288 && exec \"$@\"", "sh"])
+        .arg(program)
+        .args(["--threads", "2", command])
+        .arg(file);
     if command == "compare" {
         shell.arg(file);
     }
@@ -177,6 +181,10 @@ fn promises(context: &Context) -> Result<Finding, CaseError> {
         }
         Ok(bytes)
     };
+    // Found by fuzzing: sample formats for four million channels.
+    let mut tiff = good("TIFF")?.bytes.clone();
+    let tag = tiff.windows(4).position(|w| w == [0x53, 0x01, 3, 0]).ok_or("a TIFF without sample formats")?;
+    tiff[tag + 4..tag + 8].copy_from_slice(&(1u32 << 26).to_le_bytes());
     refused(
         context,
         &[
@@ -187,15 +195,16 @@ fn promises(context: &Context) -> Result<Finding, CaseError> {
             ("a.nii", "info", nifti.clone()),
             ("a.nii.gz", "info", gzip(&nifti)?),
             ("a_65536x65536x16_float64.raw.gz", "info", good("raw, packed")?.bytes.clone()),
-            ("a.npy", "compare", edit("NPY", "(10, 12)", "(32768, 32768)")?),
-            ("b.npy", "compare", edit("NPY", "(10, 12)", "(4294967296, 4294967296)")?),
+            ("a.npy", "compare", edit("NPY", "(10, 12, )", "(32768, 32768)")?),
+            ("b.npy", "compare", edit("NPY", "(10, 12, )", "(4294967296, 4294967296)")?),
             ("c.npy", "compare", array),
             ("a.png", "compare", png),
             // Width and height, 12 and 10, wherever they stand; windows of EXR count from 0.
             ("a.tiff", "compare", window("TIFF", &10u32.to_le_bytes(), 1 << 26)?),
+            ("b.tiff", "compare", tiff),
             ("a.exr", "compare", window("EXR", &9u32.to_le_bytes(), 1 << 26)?),
             ("b.exr", "compare", window("EXR", &11u32.to_le_bytes(), 1 << 30)?),
-            ("deep.npy", "compare", edit("NPY", "(10, 12)", &"(".repeat(9000))?),
+            ("deep.npy", "compare", edit("NPY", "(10, 12, )", &"(".repeat(9000))?),
         ],
     )
 }

@@ -91,8 +91,7 @@ fn links(context: &Context) -> Result<Finding, CaseError> {
         link(&at("link"), &at("chain"))?;
         link(&at("loop"), &at("loop"))?;
         link(&own.path().join("no such file"), &at("nothing"))?;
-        for (name, may) in
-            [("link", May::Keep), ("chain", May::Keep), ("loop", May::Refuse), ("nothing", May::Refuse)]
+        for (name, may) in [("link", May::Keep), ("chain", May::Keep), ("loop", May::Refuse), ("nothing", May::Refuse)]
         {
             total.judge(&format!("{}, {name}", good.format), &at(name), good.reader, may, Some(&print));
         }
@@ -157,7 +156,15 @@ fn names(context: &Context) -> Result<Finding, CaseError> {
         let ending = good.name.rsplit_once('.').map_or("", |n| n.1);
         let long = "n".repeat(255 - 1 - ending.len());
         let stems: [&[u8]; 9] = [
-            b"with space", b"-rf", b"--help", b"line\nbreak", b"\xff\xfe", b"\xe2\x80\xae", b"%s%n", b".", long.as_bytes(),
+            b"with space",
+            b"-rf",
+            b"--help",
+            b"line\nbreak",
+            b"\xff\xfe",
+            b"\xe2\x80\xae",
+            b"%s%n",
+            b".",
+            long.as_bytes(),
         ];
         for stem in stems {
             let Some(name) = file_name(&[stem, b".", ending.as_bytes()].concat()) else { continue };
@@ -247,8 +254,19 @@ fn detached(context: &Context) -> Result<Finding, CaseError> {
         let keep: [&str; 5] =
             ["../outer.raw", &absolute, "./data.raw", "../inner/data.raw", "name with = and : in it.raw"];
         let refuse: [&str; 13] = [
-            "no.raw", "short.raw", "long.raw", "empty.raw", ".", "..", "/", "/dev/zero", "/dev/stdin", "LIST", "LIST 2",
-            "data%03d.raw 1 5 1", itself,
+            "no.raw",
+            "short.raw",
+            "long.raw",
+            "empty.raw",
+            ".",
+            "..",
+            "/",
+            "/dev/zero",
+            "/dev/stdin",
+            "LIST",
+            "LIST 2",
+            "data%03d.raw 1 5 1",
+            itself,
         ];
         let cases = keep.iter().map(|n| (n, May::Keep)).chain(refuse.iter().map(|n| (n, May::Refuse)));
         for (name, may) in cases {

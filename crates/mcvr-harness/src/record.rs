@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
+use mcvr_volume::open_regular;
 use serde::{Deserialize, Serialize};
 
 use crate::{HarnessError, PhaseSeconds};
@@ -108,6 +109,10 @@ impl RecordLog {
     /// [`HarnessError::File`] when the file cannot be opened, another run holds it, or a whole line is no record.
     pub fn open(path: &Path) -> Result<(Self, Vec<Record>), HarnessError> {
         let fail = |e: std::io::Error| HarnessError::file(path, e);
+        if path.exists() {
+            // A pipe or a device would never end.
+            open_regular(path).map_err(fail)?;
+        }
         let mut file = File::options().read(true).write(true).create(true).truncate(false).open(path).map_err(fail)?;
         file.try_lock().map_err(|e| match e {
             std::fs::TryLockError::WouldBlock => HarnessError::file(path, "another run is writing this file"),
@@ -139,7 +144,8 @@ impl RecordLog {
 /// # Errors
 /// [`HarnessError::File`] when the file cannot be read or a whole line is no record.
 pub fn read_log(path: &Path) -> Result<Vec<Record>, HarnessError> {
-    let bytes = std::fs::read(path).map_err(|e| HarnessError::file(path, e))?;
+    let mut bytes = Vec::new();
+    open_regular(path).and_then(|mut file| file.read_to_end(&mut bytes)).map_err(|e| HarnessError::file(path, e))?;
     Ok(parse(path, &bytes)?.0)
 }
 
@@ -149,17 +155,26 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(Vec<Record>, usize), HarnessError
     let (mut records, mut whole) = (Vec::new(), 0);
     for (number, line) in bytes.split_inclusive(|&b| b == b'\n').enumerate() {
         let end = whole + line.len();
-        if line.last() != Some(&b'\n') {
+        if line.last() != Some(&b'\n') && torn(line, whole > 0) {
             break;
         }
         match serde_json::from_slice::<Record>(line) {
             Ok(record) => records.push(record),
-            Err(_) if end == bytes.len() => break,
+            Err(_) if end == bytes.len() && torn(line, whole > 0) => break,
             Err(e) => return Err(HarnessError::file(path, format!("line {}: {e}", number + 1))),
         }
         whole = end;
     }
     Ok((records, whole))
+}
+
+/// Whether a last line may be what a kill or a power cut left of one, to be cut off. Without a record in front it must
+/// begin as one or be zeros, and it cannot hold several: other files, and logs with other line ends, are not cut.
+fn torn(line: &[u8], has_records: bool) -> bool {
+    let mut values = serde_json::Deserializer::from_slice(line).into_iter::<Record>();
+    let several =
+        values.next().is_some_and(|v| v.is_ok()) && line[values.byte_offset()..].trim_ascii_start().starts_with(b"{");
+    !several && (has_records || line.starts_with(b"{") || line.iter().all(|&b| b == 0))
 }
 
 /// Writes the records as a table with one column per figure; counters stay JSON in one column.

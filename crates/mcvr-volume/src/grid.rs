@@ -36,7 +36,8 @@ impl Grid {
     /// # Errors
     /// [`VolumeError::Grid`] when an extent is zero, the voxel count exceeds [`Self::MAX_VOXELS`],
     /// a spacing is not positive and finite or beyond [`Self::SPACINGS`], two differ by more than
-    /// [`Self::MAX_SPACING_RATIO`], the origin is beyond [`Self::MAX_ORIGIN`], or the direction is singular or not finite.
+    /// [`Self::MAX_SPACING_RATIO`], the origin is beyond [`Self::MAX_ORIGIN`], the direction is singular or not finite, or a
+    /// voxel's volume or the grid's diameter leaves the range of normal numbers.
     pub fn new(dims: [usize; 3], spacing: DVec3, origin: DVec3, direction: DMat3) -> Result<Self, VolumeError> {
         checked_voxel_count(dims)?;
         if !spacing.is_finite() || spacing.min_element() <= 0.0 {
@@ -61,7 +62,15 @@ impl Grid {
         if !direction.is_finite() || !det.is_finite() || det.abs() < 1e-6 {
             return Err(VolumeError::Grid(format!("direction matrix must be invertible, its determinant is {det}")));
         }
-        Ok(Self { dims, spacing, origin, direction })
+        let grid = Self { dims, spacing, origin, direction };
+        // Masses are multiples of the one, distances of the other.
+        let (voxel, diameter) = (grid.voxel_volume(), grid.diameter());
+        if !voxel.is_normal() || !diameter.is_normal() || !grid.centre().is_finite() {
+            return Err(VolumeError::Grid(format!(
+                "spacing {spacing} and origin {origin} exceed 64-bit numbers: a voxel takes {voxel:e} mm³, the diameter is {diameter:e} mm"
+            )));
+        }
+        Ok(grid)
     }
 
     /// A grid with origin 0 and identity direction, as raw files have.

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use glam::{DMat3, DVec3};
 use mcvr_sampling::{Cloud, Provenance};
 use mcvr_scene::{Kernel, SceneError, film};
-use mcvr_volume::Grid;
+use mcvr_volume::{Grid, open_regular};
 use serde::{Deserialize, Serialize};
 
 const MAGIC: &[u8; 8] = b"MCVRCLD\n";
@@ -54,7 +54,7 @@ fn fail(path: &Path) -> impl Fn(&dyn std::fmt::Display) -> CloudFileError + '_ {
 /// True when a file starts as a native point cloud does; false also when it cannot be read.
 pub fn is_cloud(path: &Path) -> bool {
     let mut magic = [0; 8];
-    File::open(path).and_then(|mut f| f.read_exact(&mut magic)).is_ok() && magic == *MAGIC
+    open_regular(path).and_then(|mut f| f.read_exact(&mut magic)).is_ok() && magic == *MAGIC
 }
 
 /// Writes the native form, beside the target and then renamed.
@@ -96,7 +96,7 @@ pub fn write_cloud(cloud: &Cloud, path: &Path) -> Result<(), CloudFileError> {
 /// what cannot be (see [`Cloud::new`]).
 pub fn read_cloud(path: &Path) -> Result<Cloud, CloudFileError> {
     let fail = fail(path);
-    let mut file = File::open(path).map_err(|e| fail(&e))?;
+    let mut file = open_regular(path).map_err(|e| fail(&e))?;
     let length = file.metadata().map_err(|e| fail(&e))?.len();
     let mut prefix = [0; PREFIX as usize];
     file.read_exact(&mut prefix).map_err(|_| fail(&format!("{length} bytes are too few for a point cloud")))?;

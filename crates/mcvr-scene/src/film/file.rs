@@ -1,4 +1,4 @@
-//! Image files, whole or absent.
+//! Writing image files, whole or absent.
 
 use std::fs::File;
 use std::io::{BufWriter, Seek, Write};
@@ -164,77 +164,9 @@ pub fn write_whole<E: Into<Box<dyn std::error::Error + Send + Sync>>>(
     mcvr_volume::write_whole(path, fill).map_err(|e| fail(path, e))
 }
 
-/// What is said of images of three different channels.
-const COLOURED: &str = "this image holds colours, and one of grey values is needed; render the scene without colours";
-
-/// Reads an image: `.npy` (any float or integer type, 2-D), `.exr` and `.tiff` (of equal channels), `.png` (grey
-/// level 0..1; a toned PNG holds no linear values, so prefer the others for comparison).
-///
-/// # Errors
-/// [`SceneError::File`] when the file is missing, damaged, coloured or not two-dimensional.
-pub fn read(path: &Path) -> Result<Image, SceneError> {
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("npy")) {
-        return read_npy(path);
-    }
-    let decoded = image::ImageReader::open(path)
-        .and_then(image::ImageReader::with_guessed_format)
-        .map_err(|e| fail(path, e))?
-        .decode()
-        .map_err(|e| fail(path, e))?;
-    if decoded.color().has_color() {
-        let grey = match &decoded {
-            DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_) => {
-                decoded.to_rgb32f().pixels().all(|p| p.0[0] == p.0[1] && p.0[0] == p.0[2])
-            }
-            other => other.to_rgb16().pixels().all(|p| p.0[0] == p.0[1] && p.0[0] == p.0[2]),
-        };
-        if !grey {
-            return Err(fail(path, COLOURED));
-        }
-    }
-    let values = match &decoded {
-        DynamicImage::ImageLuma16(b) => b.iter().map(|&v| f64::from(v) / 65535.0).collect(),
-        DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_) => {
-            decoded.to_rgb32f().pixels().map(|p| f64::from(p.0[0])).collect()
-        }
-        other => other.to_luma8().iter().map(|&v| f64::from(v) / 255.0).collect(),
-    };
-    let extent = Extent::new(decoded.width() as usize, decoded.height() as usize)?;
-    Image::from_values(extent, values)
-}
-
-fn read_npy(path: &Path) -> Result<Image, SceneError> {
-    let file = File::open(path).map_err(|e| fail(path, e))?;
-    let bytes = file.metadata().map_err(|e| fail(path, e))?.len();
-    let npy = npyz::NpyFile::new(std::io::BufReader::new(file)).map_err(|e| fail(path, e))?;
-    if let [_, _, 3] = npy.shape() {
-        return Err(fail(path, COLOURED));
-    }
-    let &[height, width] = npy.shape() else {
-        return Err(fail(path, format!("expected a (height, width) array, found shape {:?}", npy.shape())));
-    };
-    if npy.order() != npyz::Order::C {
-        return Err(fail(path, "Fortran order is not supported; save with numpy.ascontiguousarray"));
-    }
-    let extent = Extent::new(width as usize, height as usize)?;
-    if extent.pixels() as u64 > bytes {
-        return Err(fail(path, format!("the header promises {extent} values but the file has {bytes} bytes")));
-    }
-    let values = match npy.try_data::<f64>() {
-        Ok(data) => data.collect::<Result<Vec<f64>, _>>().map_err(|e| fail(path, e))?,
-        Err(npy) => match npy.try_data::<f32>() {
-            Ok(data) => data.map(|v| v.map(f64::from)).collect::<Result<_, _>>().map_err(|e| fail(path, e))?,
-            Err(npy) => {
-                let kind = npy.dtype().descr();
-                return Err(fail(path, format!("array type {kind} is not supported; save as float64 or float32")));
-            }
-        },
-    };
-    Image::from_values(extent, values)
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::read;
     use super::*;
 
     fn picture() -> Image {

@@ -4,6 +4,7 @@ mod animation;
 mod colour;
 mod develop;
 mod file;
+mod read;
 mod tone;
 
 use crate::{Extent, SceneError};
@@ -11,7 +12,8 @@ use crate::{Extent, SceneError};
 pub use animation::{GIF_RATE_LIMIT, write_gif};
 pub use colour::{largest, write_colour, write_colour_within};
 pub use develop::{Film, FilmBias, expose, transmission, transmission_bias};
-pub use file::{ImageFormat, read, write, write_animation, write_rgb8, write_whole, write_within};
+pub use file::{ImageFormat, write, write_animation, write_rgb8, write_whole, write_within};
+pub use read::read;
 pub use tone::{Curve, Tone, diverging_rgb};
 
 /// An image of linear values, row by row from the top, `f64`.

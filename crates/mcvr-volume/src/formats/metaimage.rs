@@ -79,7 +79,7 @@ pub(crate) fn read(source: &Source) -> Result<Loaded, VolumeError> {
                 format!("'{}': data spread over several files are not supported; join them into one", clip(file));
             return Err(fields.error("ElementDataFile", problem));
         }
-        _ => Some(Source::open(&source.sibling(file))?),
+        _ => Some(fields.data_file("ElementDataFile", file)?),
     };
     let (data, start) = detached.as_ref().map_or((source, data_start), |d| (d, 0));
     let compressed = flag(&fields, &["CompressedData"])?.unwrap_or(false);

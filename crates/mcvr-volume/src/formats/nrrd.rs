@@ -55,7 +55,7 @@ pub(crate) fn read(source: &Source) -> Result<Loaded, VolumeError> {
     notes.extend(affine.shear_note());
 
     let detached = match fields.get(&["data file", "datafile"]) {
-        Some(name) => Some(open_data_file(source, &fields, name)?),
+        Some(name) => Some(open_data_file(&fields, name)?),
         None => None,
     };
     let (data, start) = detached.as_ref().map_or((source, data_start), |d| (d, 0));
@@ -228,12 +228,12 @@ fn length_unit(fields: &Fields<'_>, notes: &mut Vec<String>) -> f64 {
     }
 }
 
-fn open_data_file(source: &Source, fields: &Fields<'_>, name: &str) -> Result<Source, VolumeError> {
+fn open_data_file(fields: &Fields<'_>, name: &str) -> Result<Source, VolumeError> {
     if name.starts_with("LIST") || name.contains('%') {
         let problem = format!("'{}': data spread over several files are not supported; join them into one", clip(name));
         return Err(fields.error("data file", problem));
     }
-    Source::open(&source.sibling(name))
+    fields.data_file("data file", name)
 }
 
 /// Start of the data after `line skip` lines.

@@ -1,12 +1,11 @@
 //! A file opened for reading: checked to be a plain, non-empty file, and mapped.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use memmap2::Mmap;
 
-use crate::VolumeError;
+use crate::{VolumeError, open_regular};
 
 /// A mapped file. Nothing is copied until voxels must be inflated, swapped or aligned.
 pub(crate) struct Source {
@@ -18,22 +17,17 @@ impl Source {
     /// Opens and maps a file.
     ///
     /// # Errors
-    /// [`VolumeError::Io`] when it cannot be opened or mapped, [`VolumeError::Format`] when it is a
-    /// directory, not a regular file, or empty.
+    /// [`VolumeError::Io`] when it cannot be opened or mapped, or is no regular file; [`VolumeError::Format`] when it is
+    /// a directory or empty.
     pub(crate) fn open(path: &Path) -> Result<Self, VolumeError> {
         let io = |source| VolumeError::Io { path: path.to_path_buf(), source };
-        // Looked at before opening: opening a named pipe would wait for its writer.
-        let meta = std::fs::metadata(path).map_err(io)?;
         let refuse = |problem: &str| VolumeError::Format { path: path.to_path_buf(), problem: problem.to_string() };
-        if meta.is_dir() {
+        if path.is_dir() {
             return Err(refuse(
                 "is a directory; give one file (a DICOM series must first be converted to NIfTI or NRRD)",
             ));
         }
-        if !meta.is_file() {
-            return Err(refuse("is not a regular file (a pipe or a device?); save the data to a file first"));
-        }
-        let file = File::open(path).map_err(io)?;
+        let file = open_regular(path).map_err(io)?;
         if file.metadata().map_err(io)?.len() == 0 {
             return Err(refuse("the file is empty (0 bytes)"));
         }
@@ -46,6 +40,12 @@ impl Source {
     /// Path of a file that this one names, relative to this one's folder.
     pub(crate) fn sibling(&self, name: &str) -> PathBuf {
         self.path.parent().unwrap_or(Path::new("")).join(name)
+    }
+
+    /// True when both are one file, perhaps under two names.
+    pub(crate) fn is_same_file(&self, other: &Self) -> bool {
+        let real = |path: &Path| path.canonicalize().ok();
+        real(&self.path).is_some_and(|p| real(&other.path) == Some(p))
     }
 
     /// The whole content.

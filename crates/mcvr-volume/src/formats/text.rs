@@ -9,6 +9,9 @@ pub(crate) const MAX_HEADER: usize = 1 << 20;
 /// Most fields of a text header: each new one is compared with all before it.
 const MAX_FIELDS: usize = 4096;
 
+/// Longest path that any common system opens, bytes.
+const MAX_PATH: usize = 4096;
+
 /// The line that begins at `from` without its end (`\n` or `\r\n`), and where the next one begins. `None` at the
 /// end of the bytes. A last line without an end counts as one.
 pub(crate) fn line_at(bytes: &[u8], from: usize) -> Option<(&[u8], usize)> {
@@ -61,6 +64,22 @@ impl<'a> Fields<'a> {
     /// The error that says that `field` is wrong.
     pub(crate) fn error(&self, field: &str, problem: impl Into<String>) -> VolumeError {
         self.source.header_error(self.format, field, problem)
+    }
+
+    /// Opens the data file that a field names, seen from the header's folder.
+    ///
+    /// # Errors
+    /// [`VolumeError::Header`] when it cannot be opened, or is the header itself.
+    pub(crate) fn data_file(&self, field: &str, name: &str) -> Result<Source, VolumeError> {
+        if name.len() > MAX_PATH {
+            return Err(self.error(field, format!("'{}' is longer than {MAX_PATH} bytes", clip(name))));
+        }
+        let path = self.source.sibling(name);
+        let data = Source::open(&path).map_err(|e| self.error(field, e.to_string()))?;
+        if data.is_same_file(self.source) {
+            return Err(self.error(field, format!("'{}' is the header itself", clip(name))));
+        }
+        Ok(data)
     }
 
     /// Whitespace-separated integers.

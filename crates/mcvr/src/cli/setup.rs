@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Instant;
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use mcvr::scene::film::{Film, Tone};
 use mcvr::scene::{Camera, DensityMap, Extent, View};
 use mcvr::volume::{FileFormat, Grid, RawOptions};
@@ -182,7 +182,7 @@ pub fn camera(
     let near = args.near.or(file.near);
     let angles_given = args.view.is_some() || args.distance.is_some() || args.fov.is_some() || args.parallel;
     let matrix = match &args.matrix {
-        Some(path) => Some(read_matrix(path)?),
+        Some(path) => Some(mcvr::read_matrix(path)?),
         None if angles_given => None,
         None => file.matrix,
     };
@@ -207,25 +207,6 @@ pub fn camera(
         Camera::look(&view, grid, extent)?,
         format!("{kind}, azimuth {azimuth}°, elevation {elevation}°, {distance} away{fov}"),
     ))
-}
-
-/// Twelve numbers, separated by white space or commas; `#` starts a comment.
-fn read_matrix(path: &Path) -> anyhow::Result<[[f64; 4]; 3]> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("{}", path.display()))?;
-    let mut numbers = vec![];
-    for (i, line) in text.lines().enumerate() {
-        let line = line.split('#').next().unwrap_or("");
-        for word in line.split([' ', '\t', ',', ';']).filter(|w| !w.is_empty()) {
-            let value: f64 = word
-                .parse()
-                .map_err(|_| anyhow::anyhow!("{}, line {}: '{word}' is not a number", path.display(), i + 1))?;
-            numbers.push(value);
-        }
-    }
-    let Ok(flat) = <[f64; 12]>::try_from(numbers.as_slice()) else {
-        bail!("{}: {} numbers, but a 3x4 matrix has 12", path.display(), numbers.len());
-    };
-    Ok(std::array::from_fn(|r| std::array::from_fn(|c| flat[r * 4 + c])))
 }
 
 impl Setup {

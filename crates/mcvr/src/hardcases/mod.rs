@@ -15,7 +15,7 @@
 mod case;
 mod distributions;
 mod effects;
-mod files;
+pub mod files;
 mod geometry;
 mod measures;
 mod program;
@@ -35,7 +35,8 @@ pub fn catalogue() -> impl Iterator<Item = &'static Case> {
         .chain(sequences::CASES)
         .chain([geometry::CASES, effects::CASES])
         .chain(scale::CASES)
-        .chain([measures::CASES, files::CASES])
+        .chain([measures::CASES])
+        .chain(files::CASES.iter().copied())
         .chain(running::CASES)
         .flatten()
 }

@@ -32,11 +32,15 @@ use std::path::Path;
 
 use mcvr_scene::film::{Film, Tone};
 use mcvr_scene::{DensityMap, Effects};
+use mcvr_volume::read_text;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 pub use problem::SceneFileError;
 pub use sections::{CameraSection, ImageSection, SamplingSection, VolumeSection};
+
+/// Most bytes of a scene file: thousands of cameras.
+const LIMIT: u64 = 1 << 20;
 
 /// A scene: which scan is looked at, from where, how, and what the images are made of.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
@@ -68,7 +72,7 @@ impl SceneFile {
     /// # Errors
     /// [`SceneFileError`] with the line when the file is missing, not a scene, or contradicts itself.
     pub fn read(path: &Path) -> Result<Self, SceneFileError> {
-        let text = std::fs::read_to_string(path).map_err(|e| SceneFileError::unreadable(path, &e))?;
+        let text = read_text(path, LIMIT).map_err(|e| SceneFileError::unreadable(path, &e))?;
         let mut scene = Self::parse(&text, path)?;
         if let Some(input) = &mut scene.volume.input
             && !input.starts_with("phantom:")

@@ -1,5 +1,6 @@
 //! What is wrong with a scene file, and where.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use toml::de::{DeTable, DeValue};
@@ -84,9 +85,10 @@ fn path_at(table: &DeTable<'_>, offset: usize) -> Option<Vec<String>> {
 fn twins(table: &DeTable<'_>) -> Option<(usize, String, String)> {
     let mut keys: Vec<_> = table.keys().collect();
     keys.sort_by_key(|k| k.span().start);
-    let here = keys.iter().enumerate().find_map(|(i, key)| {
-        let twin = keys[..i].iter().find(|k| plain(k.get_ref()) == plain(key.get_ref()))?;
-        Some((key.span().start, twin.get_ref().to_string(), key.get_ref().to_string()))
+    let mut seen = HashMap::new();
+    let here = keys.iter().find_map(|key| {
+        let twin = seen.insert(plain(key.get_ref()), key.get_ref())?;
+        Some((key.span().start, twin.to_string(), key.get_ref().to_string()))
     });
     here.or_else(|| {
         table.values().find_map(|value| match value.get_ref() {

@@ -1,5 +1,0 @@
-//! Files.
-
-use super::Case;
-
-pub(super) const CASES: &[Case] = &[];

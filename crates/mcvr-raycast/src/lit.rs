@@ -2,7 +2,7 @@
 
 use glam::{DMat3, DVec3};
 use mcvr_scene::effects::Look;
-use mcvr_scene::{Camera, Density, Kernel};
+use mcvr_scene::{Camera, Density, Kernel, power_of_two};
 
 use crate::adaptive::Integrand;
 use crate::cell::Piece;
@@ -30,7 +30,7 @@ pub(crate) struct LitField<'a, const C: usize, const N: usize> {
     look: &'a Look,
     kernel: Kernel,
     view: View,
-    /// From differences per voxel to the gradient per mm in the world.
+    /// From differences per voxel to the gradient per mm in the world, up to a factor.
     to_gradient: DMat3,
     /// Depths at which the ramp has a kink.
     stops: Vec<f64>,
@@ -64,6 +64,8 @@ impl<'a, const C: usize, const N: usize> LitField<'a, C, N> {
         let (kernel, volume) = (options.kernel, density.volume());
         let shift = shift(kernel);
         let palette = look.palette.as_ref();
+        // Only directions count: over a power of two near the weights' sum, so that squares neither overflow nor vanish.
+        let unit = power_of_two((-61 - density.report().unit_exponent()).clamp(-900, 900));
         let (neighbours, walk) = with_field(density, MakeNeighbours { volume, palette, taps: 2 * shift as usize });
         let stops = look.ramp.as_ref().map_or_else(Vec::new, |ramp| {
             let ([near, far], last) = (ramp.range(), ramp.stops().len() - 1);
@@ -75,7 +77,7 @@ impl<'a, const C: usize, const N: usize> LitField<'a, C, N> {
             look,
             kernel,
             view: View::new(camera, volume.grid(), options.estimand, density.mass(), f64::from(shift)),
-            to_gradient: volume.grid().world_to_index().matrix3.transpose(),
+            to_gradient: volume.grid().world_to_index().matrix3.transpose() * unit,
             stops,
             fit: Fit::new(),
             #[cfg(target_arch = "x86_64")]

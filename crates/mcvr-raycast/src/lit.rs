@@ -30,7 +30,7 @@ pub(crate) struct LitField<'a, const C: usize, const N: usize> {
     look: &'a Look,
     kernel: Kernel,
     view: View,
-    /// From differences per voxel to the gradient per mm in the world.
+    /// From differences per voxel to the gradient per mm in the world, up to a factor.
     to_gradient: DMat3,
     /// Depths at which the ramp has a kink.
     stops: Vec<f64>,

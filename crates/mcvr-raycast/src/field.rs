@@ -1,6 +1,6 @@
 //! Voxels and the way from stored values to weights, compiled once per voxel type and kind of map.
 
-use mcvr_scene::{Density, Transfer, WeightFn, WeightLookup};
+use mcvr_scene::{Density, Transfer, WeightFn, WeightLookup, power_of_two};
 use mcvr_volume::{Voxel, Voxels};
 
 /// Weights for the inner loops, in the precision `F` (`f64` for the reference, `f32` for the march).
@@ -67,6 +67,30 @@ impl<T: Voxel> Weigh<T, f32> for Mapped<'_> {
     #[inline(always)]
     fn weigh(&self, stored: T) -> f32 {
         self.0.weight(stored) as f32
+    }
+}
+
+/// Weights over a unit, for those that leave the range of `f32`.
+pub(crate) struct Lifted<'a> {
+    lookup: WeightLookup<'a>,
+    unit: f64,
+}
+
+impl<'a> Lifted<'a> {
+    /// The weights of a density over their unit, a power of two; `None` where `f32` holds them as they are.
+    pub(crate) fn of(density: &'a Density) -> Option<(Self, f64)> {
+        let report = density.report();
+        let fits = (power_of_two(-64)..power_of_two(100)).contains(&report.max_weight);
+        // A power of two below all numbers would be 0.
+        let unit = power_of_two(report.unit_exponent().max(-1074));
+        (!fits).then(|| (Self { lookup: density.lookup(), unit }, unit))
+    }
+}
+
+impl<T: Voxel> Weigh<T, f32> for Lifted<'_> {
+    #[inline(always)]
+    fn weigh(&self, stored: T) -> f32 {
+        (self.lookup.weight(stored) / self.unit) as f32
     }
 }
 

@@ -3,11 +3,11 @@
 use std::time::Instant;
 
 use mcvr_scene::{Camera, Density, Estimand, Image, Kernel};
-use mcvr_volume::{Voxel, Voxels};
+use mcvr_volume::{Voxel, Voxels, with_voxels};
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::field::{Stored, Visit, Weigh, stored_is_weight, with_field};
+use crate::field::{Lifted, Stored, Visit, Weigh, stored_is_weight, with_field};
 use crate::pattern::{Pattern, random_of_row};
 use crate::sampled::SampledField;
 use crate::view::{IndexRay, View};
@@ -89,9 +89,10 @@ pub fn march(
 ) -> Result<MarchImage, RaycastError> {
     let start = Instant::now();
     options.check()?;
-    let job = Job { density, camera, options, watch };
-    let (image, counters) = match density.volume().voxels() {
-        Voxels::U8(voxels) if stored_is_weight(density) => job.run(voxels, Stored),
+    let job = Job { density, camera, options, watch, unit: 1.0 };
+    let (image, counters) = match (density.volume().voxels(), Lifted::of(density)) {
+        (Voxels::U8(voxels), _) if stored_is_weight(density) => job.run(voxels, Stored),
+        (voxels, Some((lifted, unit))) => with_voxels!(voxels, v => Job { unit, ..job }.run(v, lifted)),
         _ => with_field(density, job),
     };
     if watch.cancelled() {
@@ -105,13 +106,15 @@ struct Job<'a, 'w> {
     camera: &'w Camera,
     options: &'w MarchOptions,
     watch: &'w Watch<'w>,
+    /// What a weight of 1 stands for.
+    unit: f64,
 }
 
 impl<'a> Visit<'a, f32> for Job<'a, '_> {
     type Out = (Image, Counters);
 
     fn run<T: Voxel, W: Weigh<T, f32> + Send + 'a>(self, voxels: &'a [T], weights: W) -> Self::Out {
-        let Self { density, camera, options, watch } = self;
+        let Self { density, camera, options, watch, unit } = self;
         let grid = density.volume().grid();
         let field = SampledField::new(voxels, weights, grid.dims(), options.kernel);
         let view = View::new(camera, grid, options.estimand, density.mass(), 0.0);
@@ -137,7 +140,7 @@ impl<'a> Visit<'a, f32> for Job<'a, '_> {
                         let (px, py) = (x as f64 + dx, y as f64 + dy);
                         let (ray, factor) = view.ray(px, py);
                         let step = step * camera.depth_rate(px, py);
-                        sum += factor * cast(&field, &ray, step, squared, &mut counters);
+                        sum += factor * (unit * cast(&field, &ray, step, squared, &mut counters));
                     });
                     row[x] = sum * share;
                 }

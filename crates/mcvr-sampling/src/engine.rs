@@ -4,7 +4,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-use mcvr_scene::{Camera, Estimand, Image, Kernel, Look, Watch};
+use mcvr_scene::{Camera, Estimand, Image, Kernel, Look, Watch, power_of_two};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -315,11 +315,17 @@ impl Exposure<'_> {
         if watch.cancelled() {
             return Err(SamplingError::Cancelled);
         }
+        // What one unit of the sums stands for may be too small a number where the sums' own values are not.
+        let lift = if line && mass < power_of_two(-600) { power_of_two(400) } else { 1.0 };
         let unit = match estimand {
             Estimand::Count => share / samples as f64,
-            Estimand::Line => mass / samples as f64 * camera.det() * projection.weight_unit(),
+            Estimand::Line => mass * lift / samples as f64 * camera.det() * projection.weight_unit(),
         };
-        let (image, colour) = channels.develop(camera, totals.into_values(unit * channels.unit))?;
+        let mut values = totals.into_values(unit * channels.unit);
+        if lift != 1.0 {
+            values.iter_mut().for_each(|v| *v /= lift);
+        }
+        let (image, colour) = channels.develop(camera, values)?;
         let (counters, thread_seconds) = sum.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
         let total = start.elapsed().as_secs_f64();
         let per_thread = total / (thread_seconds[0] + thread_seconds[1]).max(1e-12);

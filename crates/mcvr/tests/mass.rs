@@ -98,9 +98,7 @@ fn scaled(scenery: &Scenery, slope: f64) -> Scenery {
     Scenery { map: DensityMap { transfer, ..DensityMap::default() }, ..scenery.clone() }
 }
 
-/// Scaling by a power of two is exact in every number on the way. Between representations (integers as they are, or
-/// scaled to a sum of 2^62 and rounded) a voxel's end moves by at most `N / 2^62` of the whole; that one of M samples
-/// lies in one of N such gaps has probability below `M N² / 2^62` < 1e-8.
+/// Scaling by a power of two is exact in every number on the way.
 #[test]
 fn weights_times_a_power_of_two_leave_count_images_as_they_are_and_scale_line_images() {
     let bytes = speckled_scene(&pinhole());

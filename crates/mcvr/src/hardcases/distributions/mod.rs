@@ -1,6 +1,7 @@
 //! Distributions: weights that break running sums.
 
 mod exact;
+mod images;
 mod many;
 mod maps;
 mod places;
@@ -13,7 +14,7 @@ use num_bigint::BigUint;
 
 use super::{Bound, Case, CaseError, Context, Cost, Finding, Group};
 
-pub(super) const CASES: [&[Case]; 4] = [places::CASES, weights::CASES, many::CASES, maps::CASES];
+pub(super) const CASES: [&[Case]; 5] = [places::CASES, weights::CASES, many::CASES, maps::CASES, images::CASES];
 
 /// A row of voxels of 1 mm.
 fn row<T: Voxel>(voxels: Vec<T>) -> Result<Volume, CaseError> {

@@ -51,7 +51,7 @@ fn all_zero(_: &Context) -> Result<Finding, CaseError> {
         Err(CaseError::Failed(e)) => e.to_string(),
         Err(impossible) => return Err(impossible),
     };
-    Ok(Finding::new(f64::from(says.contains("zero")), "clear error", Bound::Exactly(1.0)).with(says))
+    Ok(Finding::new(f64::from(says.contains("nothing can be drawn")), "clear error", Bound::Exactly(1.0)).with(says))
 }
 
 /// Exact: every point must lie within half a voxel of the only voxel's centre (the `box` kernel's support; rounding to

@@ -9,7 +9,7 @@ pub(super) const CASES: &[Case] = &[
     case(
         "file-header-cut",
         "a header that breaks off is read with zeros for the rest, or past its end",
-        "every reader refuses a file cut at any byte of its header",
+        "cut at any byte of its header, a file is refused; only a scene or a log, whose prefix is one, may be read",
         header_cut,
     ),
     case(
@@ -27,7 +27,7 @@ pub(super) const CASES: &[Case] = &[
     case(
         "file-header-flips",
         "one flipped bit changes a size, and the reader trusts it",
-        "any single bit of the header flipped: refused, or read with the same size",
+        "any single bit of the header flipped: refused, or usable; a volume, array or cloud of the same size",
         header_flips,
     ),
     case(
@@ -91,8 +91,7 @@ fn flipped(good: &GoodFile, bit: usize) -> Variant {
 /// Exact. A text, whose content a flip may change as an editor would, must only be read soundly: a log may lose its last
 /// record, a scene may name another size of picture. Sizes of volumes, pictures and clouds must agree with the data.
 fn header_flips(context: &Context) -> Result<Finding, CaseError> {
-    // Without a checksum, width and height of a picture may change places with its own data; the engine holds it to its
-    // extent all the same.
+    // The header of a picture lies among its data and names its size in several ways, which are its library's.
     let may = |good: &GoodFile| match good.reader {
         Reader::Scene | Reader::Records => May::ReadSoundly,
         Reader::Image if !good.text => May::ReadSoundly,

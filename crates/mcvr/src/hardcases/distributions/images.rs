@@ -41,7 +41,7 @@ fn extreme_images(_: &Context) -> Result<Finding, CaseError> {
                 let scaled = image(e)?;
                 if method == Method::Exact && shaded {
                     let [a, b] = [&plain, &scaled].map(|i| i.values().iter().sum::<f64>());
-                    wrong += u64::from(!((b / unit / a - 1.0).abs() <= 2.0 * request.tolerance));
+                    wrong += u64::from(!(0.0..=2.0 * request.tolerance).contains(&(b / unit / a - 1.0).abs()));
                     of += 1;
                     continue;
                 }

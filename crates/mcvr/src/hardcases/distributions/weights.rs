@@ -165,7 +165,7 @@ fn rounded_total(_: &Context) -> Result<Finding, CaseError> {
 /// Bound in [`super::worst_error`]; a last weight without a unit is an error of its own.
 fn below_an_ulp(_: &Context) -> Result<Finding, CaseError> {
     let finding = probabilities(&[1e16, 1.0])?;
-    let naive = (1e16f64 + 1.0) - 1e16;
+    let naive = [1e16, 1.0].iter().sum::<f64>() - 1e16;
     let density = density(vec![1e16, 1.0])?;
     let distribution = Distribution::new(&density, VoxelOrder::Raster)?;
     let units = distribution.total() - exact::end_of(&distribution, 0, 0);
@@ -180,7 +180,8 @@ fn below_an_ulp(_: &Context) -> Result<Finding, CaseError> {
 fn all_digits(_: &Context) -> Result<Finding, CaseError> {
     let weights: Vec<f64> = (0..400i32)
         .map(|i| {
-            ((1u64 << 52) + ((i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 12) | 1) as f64 * power_of_two(-(i / 5))
+            (((1u64 << 52) + ((i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 12)) | 1) as f64
+                * power_of_two(-(i / 5))
         })
         .collect();
     probabilities(&weights)

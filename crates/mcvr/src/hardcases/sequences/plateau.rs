@@ -83,7 +83,7 @@ fn chi_square(stream: &dyn PointStream, blocks: u64) -> (f64, bool) {
             let points = block_of(stream, block, 3 * THIRD);
             let [x, y, z] = &points.uniforms;
             for (((t, x), y), z) in points.targets.iter().zip(x).zip(y).zip(z) {
-                let third = |w: &u32| u64::from(*w) * 3 >> 32;
+                let third = |w: &u32| (u64::from(*w) * 3) >> 32;
                 counts[(((t / THIRD * 3 + third(x)) * 3 + third(y)) * 3 + third(z)) as usize] += 1;
             }
             (counts, samples + points.targets.len() as u64)

@@ -106,11 +106,8 @@ fn rare_half(volume: &Volume) -> Result<Finding, CaseError> {
     while i < n && sum + 1.0 > sum {
         (sum, i) = (sum + 1.0, i + 1);
     }
-    Ok(Finding::new(worst, "deviations from M/2, the worst of 4 methods", Bound::AtMost(5.3)).with(format!(
-        "an f32 running sum can draw {} of the {} rare voxels",
-        i - 1,
-        n - 1
-    )))
+    Ok(Finding::new(worst, "deviations from M/2, the worst of 4 methods", Bound::AtMost(5.3))
+        .with(format!("an f32 running sum can draw {} of the {} rare voxels", i - 1, n - 1)))
 }
 
 /// Bound in [`rare_half`].

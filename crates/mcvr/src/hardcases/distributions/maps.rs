@@ -145,10 +145,7 @@ fn overflow(_: &Context) -> Result<Finding, CaseError> {
     ];
     for (weight, spacing, word) in [(1e300, 1e5, "volume of 1e15 mm3"), (1e-300, 1e-9, "mm3 is 0e0")] {
         let volume = row(vec![weight])?.with_grid(Grid::with_spacing([1, 1, 1], [spacing; 3])?)?;
-        said.push((
-            Density::new(&volume, DensityMap::default()).map_or_else(|e| e.to_string(), |_| String::new()),
-            word,
-        ));
+        said.push((Density::new(&volume, DensityMap::default()).map_or_else(|e| e.to_string(), |_| String::new()), word));
     }
     let wrong: Vec<&String> = said.iter().filter(|(says, word)| !says.contains(word)).map(|(says, _)| says).collect();
     Ok(Finding::wrong(wrong.len() as u64, said.len() as u64, "messages").with(format!("{wrong:?}").replace("[]", "")))
@@ -162,16 +159,17 @@ fn piecewise(_: &Context) -> Result<Finding, CaseError> {
     for (i, &v0) in ends.iter().enumerate() {
         for &v1 in &ends[i + 1..] {
             for (w0, w1) in ends.into_iter().flat_map(|a| ends.map(|b| (a, b))) {
-                let map =
-                    DensityMap { transfer: Transfer::Piecewise(vec![[v0, w0], [v1, w1]]), ..DensityMap::default() };
+                let map = DensityMap {
+                    transfer: Transfer::Piecewise(vec![[v0, w0], [v1, w1]]),
+                    ..DensityMap::default()
+                };
                 for t in [0.25, 0.5, 0.75] {
                     // Exact enough where one end is 0 or they are each other's negative; others differ by a factor of 1e200.
                     let (v, line) = (v0 * (1.0 - t) + v1 * t, w0 * (1.0 - t) + w1 * t);
                     let most = w0.abs().max(w1.abs()).max(f64::MIN_POSITIVE);
                     worst = worst.max((map.raw_weight(v) - line).abs() / most);
                     let plain = w0 + (w1 - w0) * (v - v0) / (v1 - v0);
-                    naive +=
-                        u64::from((plain - line).abs().partial_cmp(&(1e-6 * most)) != Some(std::cmp::Ordering::Less));
+                    naive += u64::from((plain - line).abs().partial_cmp(&(1e-6 * most)) != Some(std::cmp::Ordering::Less));
                     of += 1;
                 }
             }
@@ -295,10 +293,14 @@ fn concentrated(_: &Context) -> Result<Finding, CaseError> {
 /// Exact: a voxel without a target ends where its predecessor does.
 fn no_gain(_: &Context) -> Result<Finding, CaseError> {
     let ranges = vec![(10.0, 20.0, 0.0), (20.0, 30.0, 2.0)];
-    let gains =
-        |elsewhere| DensityMap { gains: Some(Gains { ranges: ranges.clone(), elsewhere }), ..DensityMap::default() };
-    let emphasis =
-        |threshold| DensityMap { emphasis: Some(Emphasis { threshold, gain: 0.0 }), ..DensityMap::default() };
+    let gains = |elsewhere| DensityMap {
+        gains: Some(Gains { ranges: ranges.clone(), elsewhere }),
+        ..DensityMap::default()
+    };
+    let emphasis = |threshold| DensityMap {
+        emphasis: Some(Emphasis { threshold, gain: 0.0 }),
+        ..DensityMap::default()
+    };
     let bytes: Vec<u8> = (0..100).collect();
     let (mut wrong, mut of) = (0, 0);
     for (map, drawn) in [

@@ -5,9 +5,9 @@ use mcvr_scene::{Density, DensityMap, Kernel, Watch};
 use mcvr_volume::{Grid, Volume};
 
 use super::{Bound, Case, CaseError, Context, Cost, Finding, Group, density};
-use crate::Request;
 use crate::hardcases::support::{SAMPLERS, budget};
 use crate::make::point_stream;
+use crate::Request;
 
 pub(super) const CASES: &[Case] = &[
     Case {
@@ -70,8 +70,7 @@ fn single_voxel(_: &Context) -> Result<Finding, CaseError> {
             for method in SAMPLERS {
                 let request = Request { method, samples: budget(method, 2049), ..Request::default() };
                 let stream = point_stream(&request, distribution.total());
-                let (cloud, _) =
-                    sample(&distribution, &*stream, Kernel::Box, Provenance::default(), &Watch::default())?;
+                let (cloud, _) = sample(&distribution, &*stream, Kernel::Box, Provenance::default(), &Watch::default())?;
                 of += cloud.samples();
                 let near = |i: usize| (0..3).all(|a| (cloud.world(i)[a] - centre[a]).abs() <= 0.5);
                 wrong += (0..cloud.samples() as usize).filter(|i| !near(*i)).count() as u64;

@@ -77,8 +77,7 @@ fn wide_range(_: &Context) -> Result<Finding, CaseError> {
     let weights: Vec<f64> =
         (-300..=300).flat_map(|e| [10f64.powi(e), 0.0, 3.7 * 10f64.powi(e)]).filter(|w| *w < 2e300).collect();
     let lost = weights.iter().filter(|w| **w > 0.0 && ((**w as f32) == 0.0 || (**w as f32).is_infinite())).count();
-    Ok(probabilities(&weights)?
-        .with(format!("an f32 holds 0 or infinity in place of {lost} of {} weights", weights.len())))
+    Ok(probabilities(&weights)?.with(format!("an f32 holds 0 or infinity in place of {lost} of {} weights", weights.len())))
 }
 
 /// Weights from 1e-310 to 1e-300; bound in [`super::worst_error`].
@@ -146,16 +145,13 @@ fn mixed(_: &Context) -> Result<Finding, CaseError> {
         shares.clone().max().unwrap_or(0) - shares.min().unwrap_or(u64::MAX)
     };
     let worst = spread(0).max(spread(1)) + (distribution.total() - ends[n - 1]);
-    Ok(Finding::new(worst as f64, "units between equal weights", Bound::AtMost(1.0)).with(format!(
-        "steps of an f32 running sum at the equal large weights differ by {:.1e}",
-        (most - least) / least
-    )))
+    Ok(Finding::new(worst as f64, "units between equal weights", Bound::AtMost(1.0))
+        .with(format!("steps of an f32 running sum at the equal large weights differ by {:.1e}", (most - least) / least)))
 }
 
 /// Weights of all digits over forty powers of two, so that their float sum is rounded; bound in [`super::worst_error`].
 fn rounded_total(_: &Context) -> Result<Finding, CaseError> {
-    let weights: Vec<f64> =
-        (1..600u64).map(|i| (i as f64).sqrt() * power_of_two((i * 7919 % 41) as i32 - 20)).collect();
+    let weights: Vec<f64> = (1..600u64).map(|i| (i as f64).sqrt() * power_of_two((i * 7919 % 41) as i32 - 20)).collect();
     let sum = exact::whole(weights.iter().sum());
     let exact: num_bigint::BigUint = weights.iter().map(|w| exact::whole(*w)).sum();
     let differs = if sum == exact { "is" } else { "is not" };
@@ -179,9 +175,7 @@ fn below_an_ulp(_: &Context) -> Result<Finding, CaseError> {
 /// in [`super::worst_error`].
 fn all_digits(_: &Context) -> Result<Finding, CaseError> {
     let weights: Vec<f64> = (0..400i32)
-        .map(|i| {
-            ((1u64 << 52) + ((i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 12) | 1) as f64 * power_of_two(-(i / 5))
-        })
+        .map(|i| ((1u64 << 52) + ((i as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 12) | 1) as f64 * power_of_two(-(i / 5)))
         .collect();
     probabilities(&weights)
 }

@@ -58,18 +58,14 @@ struct Ray<'r, const C: usize> {
     stencil: Stencil,
 }
 
-/// A power of two that brings gradients near 1: only their direction counts, and squares of them must stay numbers.
-fn direction_scale(density: &Density) -> f64 {
-    let exponent = density.report().max_weight.log2().floor() as i32;
-    power_of_two(-exponent.clamp(-1000, 1000))
-}
-
 impl<'a, const C: usize, const N: usize> LitField<'a, C, N> {
     /// Scans the voxels once for the brick map.
     pub fn new(density: &'a Density, camera: &Camera, look: &'a Look, options: &ReferenceOptions) -> Self {
         let (kernel, volume) = (options.kernel, density.volume());
         let shift = shift(kernel);
         let palette = look.palette.as_ref();
+        // Only directions count: over a power of two near the weights' sum, so that squares neither overflow nor vanish.
+        let unit = power_of_two((-61 - density.report().unit_exponent()).clamp(-900, 900));
         let (neighbours, walk) = with_field(density, MakeNeighbours { volume, palette, taps: 2 * shift as usize });
         let stops = look.ramp.as_ref().map_or_else(Vec::new, |ramp| {
             let ([near, far], last) = (ramp.range(), ramp.stops().len() - 1);
@@ -81,7 +77,7 @@ impl<'a, const C: usize, const N: usize> LitField<'a, C, N> {
             look,
             kernel,
             view: View::new(camera, volume.grid(), options.estimand, density.mass(), f64::from(shift)),
-            to_gradient: volume.grid().world_to_index().matrix3.transpose() * direction_scale(density),
+            to_gradient: volume.grid().world_to_index().matrix3.transpose() * unit,
             stops,
             fit: Fit::new(),
             #[cfg(target_arch = "x86_64")]

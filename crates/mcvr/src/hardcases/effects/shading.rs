@@ -140,7 +140,7 @@ pub(super) fn grazing(_: &Context) -> Result<Finding, CaseError> {
 
 /// Weights times a power of two change no direction: shaded `count` images must stay bit for bit the same when sampled, from
 /// 2^-1000 to 2^1000, where squares of gradients under- and overflow. Cast, the image may differ by rounding alone where none
-/// is subnormal, so by twice the reference's own error estimate at most; the march, in 32 bits, likewise stays finite.
+/// is subnormal, so by twice the reference's own error estimate at most. The shaded march integrates in 64 bits: no bit moves.
 pub(super) fn scaled_weights(_: &Context) -> Result<Finding, CaseError> {
     let grid = Grid::new([6, 5, 5], DVec3::new(1e-3, 2e-3, 1e-3), DVec3::ZERO, DMat3::IDENTITY)?;
     let scene = |k: i32| -> Result<Scenery, CaseError> {
@@ -150,14 +150,20 @@ pub(super) fn scaled_weights(_: &Context) -> Result<Finding, CaseError> {
     };
     let request = Request { estimand: Estimand::Count, samples: 1 << 12, ..Request::default() };
     let base = scene(0)?;
+    let march = Request { method: Method::March, samples: 64, ..request };
+    let marched = made(&base, &march)?.image;
     let (sampled, cast) = (made(&base, &request)?.image, exact_look(&base, Kernel::Tent, Estimand::Count, 5e-3)?);
     let (mut wrong, mut of, mut failed) = (0, 0, vec![]);
     for k in [-1000, -700, -520, 500, 700, 1000] {
         let scene = scene(k)?;
-        of += 2;
+        of += 3;
         if made(&scene, &request)?.image != sampled {
             wrong += 1;
             failed.push(format!("sampled at 2^{k}"));
+        }
+        if made(&scene, &march)?.image != marched {
+            wrong += 1;
+            failed.push(format!("marched at 2^{k}"));
         }
         let again = exact_look(&scene, Kernel::Tent, Estimand::Count, 5e-3)?;
         let same = again.channels[0].values().iter().zip(cast.channels[0].values()).zip(cast.errors[0].image.values());

@@ -1,7 +1,8 @@
 //! Rays and grids: edges, corners, shapes, spacings, directions, origins.
 
 use glam::{DMat3, DVec3};
-use mcvr_scene::{Camera, Estimand, Extent, Kernel, View};
+use mcvr_raycast::MarchOptions;
+use mcvr_scene::{Camera, Estimand, Extent, Kernel, View, Watch};
 use mcvr_volume::{Grid, Volume};
 
 use super::super::scenes::{
@@ -9,7 +10,7 @@ use super::super::scenes::{
     pinhole, plain, unit,
 };
 use super::super::{Bound, CaseError, Context, Finding};
-use crate::{Method, Request};
+use crate::{Method, Request, make};
 
 /// A uniform block of 20 voxels of weight 1: along an axis every chord is 20 mm under `box` and under `tent`, also exactly
 /// through edges, corners and faces of voxels. A chord is the sum of at most 22 pieces, each a difference of two parameters up
@@ -324,4 +325,28 @@ pub(super) fn axis_pinhole(_: &Context) -> Result<Finding, CaseError> {
         worst = worst.max(if v.is_finite() { (v - expected).abs() } else { f64::INFINITY });
     }
     Ok(Finding::new(worst, "mm", Bound::AtMost(22.0 * 4.0 * 0.5f64.powi(53) * 64.0)))
+}
+
+/// Exact: a step is refused, or the march takes at most 2^24 steps a ray (fewer where it crosses less than the
+/// diagonal). The image at the smallest step, on a long thin volume, is finite and not black.
+pub(super) fn endless_steps(_: &Context) -> Result<Finding, CaseError> {
+    let volume = filled(Grid::new([1 << 10, 1, 1], DVec3::new(1e3, 1.0, 1.0), DVec3::ZERO, DMat3::IDENTITY)?, bytes)?;
+    let view = View { azimuth: 0.0, elevation: 0.0, ..View::default() };
+    let scenery = plain(&volume, Camera::look(&view, volume.grid(), Extent::new(1, 1)?)?);
+    let options = MarchOptions { kernel: Kernel::Box, ..MarchOptions::default() };
+    let smallest = options.smallest_step(volume.grid());
+    let request = |step| Request { method: Method::March, samples: 1, kernel: Kernel::Box, step, ..Request::default() };
+    let (mut wrong, mut of) = (0, 0);
+    for step in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-300, 1e-30, smallest * 0.999] {
+        of += 1;
+        let refused = make(&scenery, &request(step), &Watch::default()).err().map(|e| e.to_string());
+        let says = refused.is_some_and(|e| e.contains("step"));
+        wrong += u64::from(!says);
+    }
+    let made = made(&scenery, &request(smallest))?;
+    let steps = made.counters["march"]["evaluations"].as_u64().unwrap_or(u64::MAX);
+    of += 2;
+    wrong += u64::from(!(1 << 23..=u64::from(MarchOptions::STEPS_LIMIT)).contains(&steps));
+    wrong += u64::from(!(made.image.max() > 0.0 && made.image.max().is_finite()));
+    Ok(Finding::wrong(wrong, of, "marches").with(format!("{steps} steps at the smallest step, {smallest:.2e}")))
 }

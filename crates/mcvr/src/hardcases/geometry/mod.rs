@@ -102,6 +102,12 @@ pub(super) const CASES: &[Case] = &[
         camera::thin_images,
     ),
     case(
+        "march-of-endless-steps",
+        "a step of 1e-30 voxels runs for ages and cannot be stopped, one of 0 or NaN for ever",
+        "steps that would take more than 2^24 a ray are refused with the smallest that will do, which then works",
+        grid::endless_steps,
+    ),
+    case(
         "rays-that-miss",
         "a slab test by rounding: faint or NaN values beside the volume",
         "their integrals are exactly 0",

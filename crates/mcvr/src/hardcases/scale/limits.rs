@@ -118,7 +118,7 @@ fn converge_beyond(context: &Context) -> Result<Finding, CaseError> {
     let ladders = [
         ("mc,qmc", "2^38..2^41", "8", "2^40"),
         ("march", "9223372036854775808,9223372036854775807", "8", "2^63"),
-        ("mc", "2^40", "4294967295", "2^63"),
+        ("mc", "2^40", "4294967295", "1048576"),
     ];
     let mut wrong = vec![];
     for (methods, samples, replicates, limit) in ladders {

@@ -331,7 +331,8 @@ mod tests {
                 let built = Distribution::in_view(&d, order, &camera, Kernel::Tent).unwrap().counters();
                 let (survey, _) = Distribution::survey(&grid, order, Some((&camera, Kernel::Tent))).unwrap();
                 assert_eq!(survey, DistributionCounters { empty_bricks: 0, ..built }, "{name}");
-                assert!(built.bricks_beside > 0, "{built:?}");
+                // From nearby the near plane may cut every brick, and those are looked into whether beside or not.
+                assert!(built.bricks_beside > 0 || distance < 40.0, "{built:?}");
                 let (all, seen) = Distribution::survey(&grid, order, None).unwrap();
                 let built = Distribution::new(&d, order).unwrap().counters();
                 assert_eq!(all, DistributionCounters { empty_bricks: 0, ..built }, "{name}");
@@ -345,16 +346,22 @@ mod tests {
     fn culled_bricks_take_their_mass_with_them() {
         let d = density([64, 32, 32], (0..64 * 32 * 32).map(|i| (i * 7919 % 13) as u8).collect());
         let grid = d.volume().grid().clone();
-        let view = View { fov: Some(30.0), distance: Some(20.0), near: Some(15.0), azimuth: 0.0, ..View::default() };
-        let camera = Camera::look(&view, &grid, Extent::new(32, 32).unwrap()).unwrap();
+        let from = |azimuth| {
+            let view = View { fov: Some(30.0), distance: Some(20.0), near: Some(15.0), azimuth, ..View::default() };
+            Camera::look(&view, &grid, Extent::new(32, 32).unwrap()).unwrap()
+        };
+        // Along x the near plane cuts every brick of the raster: each is looked into, so that no mass goes unreported.
+        let along = Distribution::in_view(&d, VoxelOrder::Raster, &from(0.0), Kernel::Box).unwrap();
+        assert_eq!((along.counters().bricks_beside, along.counters().bricks_near), (0, 0));
+        let camera = from(90.0);
         for (name, order) in VoxelOrder::ALL {
             let all = Distribution::new(&d, order).unwrap();
             let seen = Distribution::in_view(&d, order, &camera, Kernel::Box).unwrap();
-            // Along the view, which is x, lines of the raster are never wholly in front of the near plane.
-            let along = seen.order() == VoxelOrder::Raster || seen.order() == VoxelOrder::Depth;
             assert!(seen.counters().bricks_beside > 0, "{name} {:?}", seen.counters());
-            assert_eq!(seen.near_mass() > 0.0, !along, "{name} {:?}", seen.counters());
-            assert_eq!(seen.mass(), seen.total() as f64 * grid.voxel_volume());
+            assert!(seen.near_mass() > 0.0, "{name} {:?}", seen.counters());
+            // A quotient and a product are rounded.
+            let mass = seen.total() as f64 * grid.voxel_volume();
+            assert!((seen.mass() - mass).abs() <= f64::EPSILON * mass, "{} {mass}", seen.mass());
             assert!(seen.mass() + seen.near_mass() < all.mass(), "{name}");
             let mut drawn = vec![0u8; grid.len()];
             for t in 0..seen.total() {

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc;
 use std::time::Duration;
 
+use super::super::program::{Place, finish};
 use super::super::{Case, CaseError, Context, Finding};
 use super::case;
 use super::damage::{May, Tally, place, print_of};
@@ -206,21 +207,71 @@ fn long_path(context: &Context) -> Result<Finding, CaseError> {
     Ok(total.finding("paths", ""))
 }
 
-/// Exact.
+/// Exact. The superuser may read every file; there, the program poses the case for volumes as a user without rights.
 fn no_permission(context: &Context) -> Result<Finding, CaseError> {
     let folder = context.folder()?;
+    let secret = folder.path().join("secret");
+    std::fs::write(&secret, "x")?;
+    forbid(&secret)?;
+    if std::fs::File::open(&secret).is_ok() {
+        return no_permission_as_nobody(context);
+    }
     let mut total = Tally::default();
     for good in good_files(folder.path())? {
         let path = place(&good, folder.path())?;
         std::fs::write(&path, &good.bytes)?;
         forbid(&path)?;
-        if std::fs::File::open(&path).is_ok() {
-            return Err(CaseError::Impossible("this user may read every file (the superuser?)".into()));
-        }
         total.judge(good.format, &path, good.reader, May::Refuse, None);
         std::fs::remove_file(&path)?;
     }
     Ok(total.finding("files", ""))
+}
+
+/// The program that reads each format, run by the user 65534, who owns nothing.
+fn no_permission_as_nobody(context: &Context) -> Result<Finding, CaseError> {
+    let place = Place::new(context)?;
+    open_to_all(&place.path("."))?;
+    let nobody = r#"exec setpriv --reuid=65534 --regid=65534 --clear-groups "$@""#;
+    let possible = finish(place.shell(nobody, ["--version"]))?;
+    if !possible.status.success() {
+        let why = format!("the superuser reads every file, and nobody cannot be: {}", possible.last_words());
+        return Err(CaseError::Impossible(why));
+    }
+    let (mut wrong, mut of, mut said) = (0, 0, String::new());
+    for good in good_files(context.folder()?.path())? {
+        let command = match good.reader {
+            Reader::Volume => vec!["info"],
+            Reader::Image => vec!["compare", good.name],
+            Reader::Cloud => vec!["project", "-o", "out.png"],
+            Reader::Scene => vec!["plan"],
+            _ => continue,
+        };
+        let path = place.path(good.name);
+        std::fs::write(&path, &good.bytes)?;
+        forbid(&path)?;
+        let ended = finish(place.shell(nobody, command.into_iter().chain([good.name])))?;
+        of += 1;
+        if !ended.failed_with(1, &[good.name, "ermission denied"]) {
+            wrong += 1;
+            said = format!("{}: {}", good.format, ended.last_words());
+        }
+        std::fs::remove_file(&path)?;
+    }
+    Ok(Finding::wrong(wrong, of, "files").with(said))
+}
+
+#[cfg(unix)]
+fn open_to_all(path: &Path) -> Result<(), CaseError> {
+    // The folder of all cases above it is private as well.
+    for folder in path.canonicalize()?.ancestors().take(2) {
+        std::fs::set_permissions(folder, std::os::unix::fs::PermissionsExt::from_mode(0o777))?;
+    }
+    Ok(())
+}
+
+#[cfg(not(unix))]
+fn open_to_all(_: &Path) -> Result<(), CaseError> {
+    Err(CaseError::Impossible("permissions of Unix".into()))
 }
 
 #[cfg(unix)]

@@ -6,6 +6,7 @@ use mcvr_scene::effects::Look;
 use mcvr_scene::{Camera, Density, Image, Kernel};
 
 use crate::adaptive::{Pixels, Task, whole_sum};
+use crate::error::check_extents;
 use crate::lit::LitField;
 use crate::reference::{image_of, rms};
 use crate::{Counters, ErrorEstimate, RaycastError, ReferenceOptions, Watch, reference};
@@ -47,6 +48,7 @@ pub fn reference_with_look(
 ) -> Result<LookReference, RaycastError> {
     let start = Instant::now();
     options.check()?;
+    check_extents(density.volume().grid())?;
     let (channels, counters) = if look.is_plain() {
         let r = reference(density, camera, options, watch)?;
         (vec![(r.image, r.error)], r.counters)

@@ -1,5 +1,18 @@
 //! What can go wrong when casting rays.
 
+use mcvr_volume::Grid;
+
+/// Most voxels along an axis.
+const EXTENT_LIMIT: usize = 1 << 30;
+
+/// # Errors
+/// [`RaycastError::Extent`].
+pub(crate) fn check_extents(grid: &Grid) -> Result<(), RaycastError> {
+    let dims = grid.dims();
+    let long = dims.iter().any(|&n| n > EXTENT_LIMIT);
+    if long { Err(RaycastError::Extent { dims, limit: EXTENT_LIMIT }) } else { Ok(()) }
+}
+
 /// Errors of this crate.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -41,6 +54,15 @@ pub enum RaycastError {
         limit: u32,
     },
 
+    /// Cells along a ray are counted in 32 bits.
+    #[error("a volume of {dims:?} voxels has too long an axis to cast rays through: at most {limit}")]
+    Extent {
+        /// Voxels along x, y and z.
+        dims: [usize; 3],
+        /// Most along one axis.
+        limit: usize,
+    },
+
     /// No ray was asked for, or more than can be laid out in a pixel.
     #[error("rays per pixel must lie between 1 and {limit}, got {given}")]
     Rays {
@@ -53,4 +75,17 @@ pub enum RaycastError {
     /// The work was stopped from outside.
     #[error("cancelled")]
     Cancelled,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn axes_beyond_32_bits_are_refused() {
+        let grid = |n: usize| Grid::with_spacing([2, n, 1], [1.0; 3]).unwrap();
+        assert_eq!(check_extents(&grid(EXTENT_LIMIT)), Ok(()));
+        let text = check_extents(&grid(EXTENT_LIMIT + 1)).unwrap_err().to_string();
+        assert!(text.contains("1073741825") && text.contains("1073741824"), "{text}");
+    }
 }

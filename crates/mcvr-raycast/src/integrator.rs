@@ -4,6 +4,7 @@ use mcvr_scene::{Camera, Density, Estimand, Kernel};
 use mcvr_volume::{Grid, Voxel};
 
 use crate::cell::{BoxCell, SplineCell, TentCell};
+use crate::error::check_extents;
 use crate::field::{Visit, Weigh, with_field};
 use crate::view::View;
 use crate::walk::{CellField, RayField};
@@ -23,8 +24,9 @@ impl<'a> Integrator<'a> {
     /// Prepares the field.
     ///
     /// # Errors
-    /// [`RaycastError::Shell`] for the kernel `shell`.
+    /// [`RaycastError::Shell`] for the kernel `shell`, [`RaycastError::Extent`] for an axis of more than 2^30 voxels.
     pub fn new(density: &'a Density, kernel: Kernel) -> Result<Self, RaycastError> {
+        check_extents(density.volume().grid())?;
         if kernel == Kernel::Shell {
             return Err(RaycastError::Shell);
         }

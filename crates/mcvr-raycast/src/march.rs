@@ -7,6 +7,7 @@ use mcvr_volume::{Grid, Voxel, Voxels, with_voxels};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::error::check_extents;
 use crate::field::{Lifted, Stored, Visit, Weigh, stored_is_weight, with_field};
 use crate::pattern::{Pattern, random_of_row};
 use crate::sampled::SampledField;
@@ -40,8 +41,9 @@ impl MarchOptions {
     pub const STEPS_LIMIT: u32 = 1 << 24;
 
     /// # Errors
-    /// [`RaycastError::Shell`], [`RaycastError::Step`], [`RaycastError::Steps`] or [`RaycastError::Rays`].
+    /// [`RaycastError::Shell`], [`RaycastError::Step`], [`RaycastError::Steps`], [`RaycastError::Extent`] or [`RaycastError::Rays`].
     pub(crate) fn check(&self, grid: &Grid) -> Result<(), RaycastError> {
+        check_extents(grid)?;
         if !self.step.is_finite() || self.step <= 0.0 {
             return Err(RaycastError::Step(self.step));
         }

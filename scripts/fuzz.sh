@@ -29,7 +29,7 @@ export CARGO_TARGET_DIR=${CARGO_TARGET_DIR:-target}/fuzz
 RUSTFLAGS="-C passes=sancov-module -C llvm-args=-sanitizer-coverage-level=4 \
 -C llvm-args=-sanitizer-coverage-inline-8bit-counters -C llvm-args=-sanitizer-coverage-pc-table \
 -C llvm-args=-sanitizer-coverage-trace-compares -C codegen-units=4" \
-    cargo build --release --locked --quiet --manifest-path scripts/fuzz/Cargo.toml --target "$host"
+    cargo build --release --quiet --manifest-path scripts/fuzz/Cargo.toml --target "$host"
 fuzzer=$CARGO_TARGET_DIR/$host/release/mcvr-fuzz
 export RAYON_NUM_THREADS=1
 

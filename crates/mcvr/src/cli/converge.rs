@@ -171,6 +171,11 @@ fn measure(
     Ok(outcome?)
 }
 
+/// The scan's name without its folder.
+fn dataset(setup: &Setup) -> String {
+    Path::new(&setup.input).file_name().map_or(setup.input.clone(), |n| n.to_string_lossy().into_owned())
+}
+
 fn meta(setup: &Setup, density: &Density) -> RunMeta {
     let mass = density.report();
     let clamped = match mass.negative {
@@ -183,7 +188,7 @@ fn meta(setup: &Setup, density: &Density) -> RunMeta {
     };
     let order = setup.request.order.resolve(&setup.scenery.camera, setup.scenery.volume.grid());
     RunMeta {
-        dataset: Path::new(&setup.input).file_name().map_or(setup.input.clone(), |n| n.to_string_lossy().into_owned()),
+        dataset: dataset(setup),
         view: setup.view.clone(),
         kernel: setup.request.kernel,
         estimand: setup.request.estimand,
@@ -229,6 +234,8 @@ fn truth(
         "geometry": setup.geometry(), "map": setup.scenery.map, "mass": mass, "tolerance": tolerance,
         "kernel": setup.request.kernel, "estimand": setup.request.estimand, "version": env!("CARGO_PKG_VERSION"),
     });
+    // The same scan in another folder has the same truth, and results name no folder of this machine.
+    key["geometry"]["volume"]["input"] = json!(dataset(setup));
     if !setup.scenery.effects.is_plain() {
         key["effects"] = json!(setup.scenery.effects);
     }

@@ -50,3 +50,10 @@ const PICTURE: [&str; 7] = ["render", "phantom:lobster@24", "--samples", "2^16",
 fn picture<'a>(more: &[&'a str]) -> Vec<&'a str> {
     PICTURE.into_iter().chain(more.iter().copied()).collect()
 }
+
+/// A run of `converge` that takes no time; its folder comes last.
+#[rustfmt::skip]
+const SMALL_RUN: [&str; 15] = [
+    "converge", "phantom:lobster@24", "--methods", "mc", "--samples", "2^8", "--replicates", "2", "--series", "none",
+    "--size", "8x8", "--tolerance", "1e-2", "-o",
+];

@@ -4,7 +4,7 @@ use std::ffi::{OsStr, OsString};
 use std::path::Path;
 
 use super::program::{Place, finish};
-use super::{Case, CaseError, Context, Finding, Tally, picture, quick};
+use super::{Case, CaseError, Context, Finding, SMALL_RUN, Tally, picture, quick};
 
 pub(super) const CASES: &[Case] = &[
     quick(
@@ -183,26 +183,7 @@ fn names_beyond_unicode(context: &Context) -> Result<Finding, CaseError> {
         (&["sample", "phantom:lobster@24", "--samples", "2^10", "-o"], ".mcvr"),
         (&["plan", "phantom:lobster@24", "--json"], ".plan"),
         (&["orbit", "phantom:lobster@24", "--samples", "2^10", "--frames", "2", "--size", "20x20", "-o"], ".gif"),
-        (
-            &[
-                "converge",
-                "phantom:lobster@24",
-                "--methods",
-                "mc",
-                "--samples",
-                "2^8",
-                "--replicates",
-                "2",
-                "--series",
-                "none",
-                "--size",
-                "8x8",
-                "--tolerance",
-                "1e-2",
-                "-o",
-            ],
-            "-run",
-        ),
+        (&SMALL_RUN, "-run"),
     ];
     for (arguments, ending) in fixed {
         let name = odd(ending);

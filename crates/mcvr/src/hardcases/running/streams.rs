@@ -3,7 +3,7 @@
 use std::process::Stdio;
 
 use super::program::{PATIENCE, Place, finish, start_as_is};
-use super::{Bound, Case, CaseError, Context, Finding, Tally, picture, quick};
+use super::{Bound, Case, CaseError, Context, Finding, SMALL_RUN, Tally, picture, quick};
 
 pub(super) const CASES: &[Case] = &[
     quick(
@@ -50,27 +50,7 @@ fn talkers() -> Vec<(&'static str, Vec<&'static str>)> {
         ("schema", vec!["schema"]),
         ("hardcases --list", vec!["hardcases", "--list"]),
         ("compare", vec!["compare", "one.npy", "one.npy"]),
-        (
-            "converge",
-            vec![
-                "converge",
-                "phantom:lobster@24",
-                "--methods",
-                "mc",
-                "--samples",
-                "2^8",
-                "--replicates",
-                "2",
-                "--series",
-                "none",
-                "--size",
-                "8x8",
-                "--tolerance",
-                "1e-2",
-                "-o",
-                "run",
-            ],
-        ),
+        ("converge", [&SMALL_RUN[..], &["run"]].concat()),
     ]
 }
 

@@ -14,7 +14,7 @@ use super::{Interrupted, outputs, progress};
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  \
     mcvr hardcases                        the default set, under a minute\n  \
-    mcvr hardcases --all                  large cases too: 4 GiB of disk (sparse), some minutes\n  \
+    mcvr hardcases --all                  large cases too: two minutes, sparse files of up to 8 GiB\n  \
     mcvr hardcases --group geometry       one group\n  \
     mcvr hardcases eye tiny-weights       cases whose names contain a word\n  \
     mcvr hardcases --markdown -o hardcases.md\n\n\
@@ -23,7 +23,7 @@ pub struct Args {
     /// Only cases whose names contain one of these words
     #[arg(value_name = "WORD")]
     words: Vec<String>,
-    /// Only these groups
+    /// Only these groups: distributions, sequences, geometry, effects, scale, measures, files, running
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     group: Vec<Group>,
     /// Large cases too

@@ -2,7 +2,7 @@
 //! before, and a panic inside one is an error of the file.
 
 use std::fs::File;
-use std::io::{BufReader, Cursor, Read};
+use std::io::{BufReader, Cursor, Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
@@ -44,10 +44,14 @@ pub fn read(path: &Path) -> Result<Image, SceneError> {
 
 fn decode(file: File, length: u64) -> Result<Image, String> {
     let mut reader = ImageReader::new(BufReader::new(file)).with_guessed_format().map_err(|e| e.to_string())?;
+    if reader.format() == Some(ImageFormat::Tiff) {
+        let mut file = reader.into_inner();
+        check_tiff(&mut file, length)?;
+        reader = ImageReader::with_format(file, ImageFormat::Tiff);
+    }
     let ratio = match reader.format() {
         // A byte may hold eight pixels, each of which becomes a byte.
         Some(ImageFormat::Png) => DEFLATE * 8,
-        // No more, because the entries of a TIFF's directory take 16 times the memory that they are counted with.
         Some(ImageFormat::OpenExr | ImageFormat::Tiff) => DEFLATE,
         _ => return Err("is no image in PNG, EXR or TIFF (an array must be called .npy)".into()),
     };
@@ -74,6 +78,34 @@ fn decode(file: File, length: u64) -> Result<Image, String> {
         other => other.to_luma8().iter().map(|&v| f64::from(v) / 255.0).collect(),
     };
     image(decoded.width().into(), decoded.height().into(), values)
+}
+
+/// Refuses a TIFF whose first directory promises more values than the file has bytes: the decoder takes some 50 bytes for each.
+/// Leaves the file at its start.
+fn check_tiff(file: &mut (impl Read + Seek), length: u64) -> Result<(), String> {
+    let broken = |e: std::io::Error| format!("truncated: its directory breaks off ({e})");
+    let mut head = [0; 16];
+    file.read_exact(&mut head).map_err(broken)?;
+    let little = head.starts_with(b"II");
+    let number = |bytes: &[u8]| {
+        let digit = |n: u64, b: &u8| n << 8 | u64::from(*b);
+        if little { bytes.iter().rev().fold(0, digit) } else { bytes.iter().fold(0, digit) }
+    };
+    // The large kind has numbers of 8 bytes for 4, and of 8 for the 2 of the number of entries.
+    let large = number(&head[2..4]) == 43;
+    let (start, entries, size, count) =
+        if large { (number(&head[8..16]), 8, 20, 4..12) } else { (number(&head[4..8]), 2, 12, 4..8) };
+    file.seek(SeekFrom::Start(start)).map_err(broken)?;
+    let mut buffer = [0; 20];
+    file.read_exact(&mut buffer[..entries]).map_err(broken)?;
+    for _ in 0..number(&buffer[..entries]) {
+        file.read_exact(&mut buffer[..size]).map_err(broken)?;
+        let (tag, values) = (number(&buffer[..2]), number(&buffer[count.clone()]));
+        if values > length {
+            return Err(format!("tag {tag} promises {values} values and the file has {length} bytes"));
+        }
+    }
+    file.rewind().map_err(broken)
 }
 
 fn image(width: u64, height: u64, values: Vec<f64>) -> Result<Image, String> {

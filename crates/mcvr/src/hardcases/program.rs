@@ -85,6 +85,24 @@ impl<'a> Place<'a> {
         names(self.folder.path())
     }
 
+    /// Words before a command that run it as a user without privileges: none for users who have none. The folder is open to
+    /// that user.
+    pub(super) fn unprivileged(&self) -> Result<&'static str, CaseError> {
+        let user = Command::new("id").arg("-u").output()?;
+        if String::from_utf8_lossy(&user.stdout).trim() != "0" {
+            return Ok("");
+        }
+        #[cfg(unix)]
+        // The folder of all cases, above this one, is private as well.
+        for folder in self.folder.path().canonicalize()?.ancestors().take(2) {
+            std::fs::set_permissions(folder, std::os::unix::fs::PermissionsExt::from_mode(0o777))?;
+        }
+        let nobody = "setpriv --reuid=65534 --regid=65534 --clear-groups";
+        let tried = finish(self.shell(&format!("exec {nobody} \"$@\""), ["--version"]))?;
+        let cannot = || CaseError::Impossible(format!("the superuser cannot be nobody here: {}", tried.last_words()));
+        if tried.status.success() { Ok(nobody) } else { Err(cannot()) }
+    }
+
     /// The program with arguments, in the folder, with nothing to read.
     pub(super) fn command<S: AsRef<OsStr>>(&self, arguments: impl IntoIterator<Item = S>) -> Command {
         let mut command = Command::new(self.program);

@@ -185,7 +185,7 @@ fn promises(context: &Context) -> Result<Finding, CaseError> {
     let mut tiff = good("TIFF")?.bytes.clone();
     let tag = tiff.windows(4).position(|w| w == [0x53, 0x01, 3, 0]).ok_or("a TIFF without sample formats")?;
     tiff[tag + 4..tag + 8].copy_from_slice(&(1u32 << 26).to_le_bytes());
-    // Found by fuzzing: a meaning of pixels for eight million channels, for which a decoder took 256 MB before it heard of limits.
+    // Found by fuzzing: a meaning of pixels for eight million channels, for which a decoder asked for 256 MB before it heard of limits.
     let mut bytes = good("TIFF")?.bytes.clone();
     let tag = bytes.windows(4).position(|w| w == [6, 1, 3, 0]).ok_or("a TIFF without a photometric interpretation")?;
     bytes[tag + 4..tag + 8].copy_from_slice(&8_000_000u32.to_le_bytes());

@@ -1,7 +1,7 @@
 //! Files: whatever they hold, reading gives what was stored or an error that helps.
 //!
 //! Most cases count over variants of good files of every format (see [`good_files`]); each variant's outcome is exact, so
-//! the bound is 0 wrong. What counts as wrong is [`damage::May`]'s.
+//! the bound is 0 wrong. What counts as wrong is said beside the engine in `damage.rs`.
 
 mod bytes;
 mod damage;

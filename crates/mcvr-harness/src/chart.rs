@@ -9,18 +9,18 @@ use crate::HarnessError;
 /// Width and height in CSS pixels.
 const SIZE: (i32, i32) = (760, 560);
 /// Drawing units per CSS pixel: plotters rounds positions to whole units.
-const FINE: i32 = 8;
+pub(crate) const FINE: i32 = 8;
 /// plotters-svg writes a font of nominal size s as s / 1.24 px.
 const FONT: f64 = 1.24;
 
-const INK: RGBColor = RGBColor(31, 35, 40);
-const MUTED: RGBColor = RGBColor(89, 96, 105);
+pub(crate) const INK: RGBColor = RGBColor(31, 35, 40);
+pub(crate) const MUTED: RGBColor = RGBColor(89, 96, 105);
 const FRAME: RGBColor = RGBColor(140, 146, 152);
 const GRID: RGBColor = RGBColor(222, 225, 229);
 const FAINT: RGBColor = RGBColor(241, 243, 245);
 
 /// Colours that people with any colour vision tell apart (Okabe and Ito 2008), yellow left out for contrast.
-const PALETTE: [RGBColor; 7] = [
+pub(crate) const PALETTE: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -122,15 +122,7 @@ impl Chart {
         let area = SVGBackend::with_string(&mut svg, size).into_drawing_area();
         self.with_room().draw(&Pen { area: &area }).and_then(|()| area.present()).map_err(|e| fail(e.to_string()))?;
         drop(area);
-        // Shown at CSS size, scaled by the view box; the title is what a screen reader says.
-        let fine = format!("<svg width=\"{}\" height=\"{}\"", size.0, size.1);
-        let plain = format!("<svg role=\"img\" width=\"{}\" height=\"{}\"", SIZE.0, SIZE.1);
-        if !svg.starts_with(&fine) {
-            return Err(fail("unexpected start of the SVG document".into()));
-        }
-        let head = svg.find('>').map_or(svg.len(), |i| i + 1);
-        let title = format!("\n<title>{}</title>", crate::html::escape(&self.title));
-        Ok(format!("{}{title}{}", svg[..head].replacen(&fine, &plain, 1), &svg[head..]))
+        finish_svg(&svg, SIZE, &self.title, self.name)
     }
 
     /// The chart with its y axis a decade or two longer when the legend would otherwise hide points.
@@ -302,16 +294,40 @@ impl Field<'_> {
     }
 }
 
-type Drawn<DB> = Result<(), DrawingAreaErrorKind<<DB as DrawingBackend>::ErrorType>>;
+/// A drawing at its CSS size, scaled by the view box, with the title that a screen reader says.
+///
+/// # Errors
+/// [`HarnessError::Plot`] when the drawing library begins its documents otherwise.
+pub(crate) fn finish_svg(svg: &str, css: (i32, i32), title: &str, name: &str) -> Result<String, HarnessError> {
+    let fine = format!("<svg width=\"{}\" height=\"{}\"", css.0 * FINE, css.1 * FINE);
+    let plain = format!("<svg role=\"img\" width=\"{}\" height=\"{}\"", css.0, css.1);
+    if !svg.starts_with(&fine) {
+        return Err(HarnessError::Plot { name: name.into(), problem: "unexpected start of the SVG document".into() });
+    }
+    let head = svg.find('>').map_or(svg.len(), |i| i + 1);
+    let title = format!("\n<title>{}</title>", crate::html::escape(title));
+    Ok(format!("{}{title}{}", svg[..head].replacen(&fine, &plain, 1), &svg[head..]))
+}
+
+/// What drawing gives.
+pub(crate) type Drawn<DB> = Result<(), DrawingAreaErrorKind<<DB as DrawingBackend>::ErrorType>>;
 
 /// Draws in CSS pixels.
-struct Pen<'a, DB: DrawingBackend> {
-    area: &'a DrawingArea<DB, plotters::coord::Shift>,
+pub(crate) struct Pen<'a, DB: DrawingBackend> {
+    pub(crate) area: &'a DrawingArea<DB, plotters::coord::Shift>,
 }
 
 impl<DB: DrawingBackend> Pen<'_, DB> {
     /// Text whose baseline starts, is centred or ends at a point.
-    fn text(&self, at: (f64, f64), text: &str, size: f64, color: RGBColor, h: HPos, bold: bool) -> Drawn<DB> {
+    pub(crate) fn text(
+        &self,
+        at: (f64, f64),
+        text: &str,
+        size: f64,
+        color: RGBColor,
+        h: HPos,
+        bold: bool,
+    ) -> Drawn<DB> {
         let style = if bold { FontStyle::Bold } else { FontStyle::Normal };
         let font = ("sans-serif", size * f64::from(FINE) * FONT, style).into_font();
         let style = TextStyle::from(font).color(&color).pos(Pos::new(h, VPos::Bottom));
@@ -367,7 +383,7 @@ impl<DB: DrawingBackend> Pen<'_, DB> {
     }
 }
 
-fn px((x, y): (f64, f64)) -> (i32, i32) {
+pub(crate) fn px((x, y): (f64, f64)) -> (i32, i32) {
     ((x * f64::from(FINE)).round() as i32, (y * f64::from(FINE)).round() as i32)
 }
 
@@ -376,7 +392,7 @@ fn stroke(width: f64, color: RGBColor) -> ShapeStyle {
 }
 
 /// Breaks a line at spaces so that no part is longer than `most` characters, unless a single word is.
-fn wrap(line: &str, most: usize) -> Vec<String> {
+pub(crate) fn wrap(line: &str, most: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in line.split_whitespace() {
         match lines.last_mut() {

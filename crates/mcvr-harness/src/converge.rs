@@ -8,7 +8,7 @@ use mcvr_scene::{Estimand, Image, Kernel};
 use serde::Serialize;
 
 use crate::images::Pictures;
-use crate::record::{RecordLog, write_csv};
+use crate::record::{RecordLog, Setting, write_csv};
 use crate::{
     Claim, Comparison, HarnessError, Method, Record, RecordKey, Rendered, RunSummary, TruthSummary, folder, summary,
 };
@@ -345,36 +345,17 @@ impl Run<'_> {
     }
 
     fn record(&self, job: &Job, rendered: Rendered) -> Result<Record, HarnessError> {
-        let c = Comparison::of(&rendered.image, &self.truth.image)?;
-        let key = self.key(job);
+        let comparison = Comparison::of(&rendered.image, &self.truth.image)?;
         let meta = &self.options.meta;
-        Ok(Record {
-            dataset: key.dataset,
-            view: key.view,
-            size: key.size,
-            kernel: key.kernel,
-            estimand: key.estimand,
-            method: key.method,
-            budget_unit: self.methods[job.method].budget_unit().to_owned(),
-            samples: job.samples,
-            replicate: job.replicate,
-            seed: key.seed,
-            rmse: c.rmse,
-            rel_rmse: c.rel_rmse,
-            rel_rmse_peak: c.rel_rmse_peak,
-            mae: c.mae,
-            max: c.max,
-            psnr: c.psnr,
-            bias: c.bias,
-            bias_se: c.bias_se,
-            seconds: rendered.seconds,
+        let setting = Setting {
             threads: meta.threads,
-            counters: rendered.counters,
+            commit: meta.commit.as_deref(),
+            machine: &meta.machine,
             reference_error: self.truth.rel_error_estimate,
-            version: env!("CARGO_PKG_VERSION").to_owned(),
-            commit: meta.commit.clone(),
-            machine: meta.machine.clone(),
-        })
+        };
+        let unit = self.methods[job.method].budget_unit();
+        let took = (rendered.seconds, rendered.counters);
+        Ok(Record::of(self.key(job), job.replicate, unit, took, Some(&comparison), setting))
     }
 
     /// Rewrites the tables, which together with the log is all that a crash may interrupt.

@@ -47,7 +47,11 @@ pub(crate) fn fingerprint(meta: &RunMeta, seed: u64, extent: Extent, sha256: &st
 ///
 /// # Errors
 /// [`HarnessError::OtherRun`] naming every setting that differs; [`HarnessError::File`] when the header is unreadable.
-pub(crate) fn claim(folder: &Path, meta: &RunMeta, fingerprint: BTreeMap<String, String>) -> Result<(), HarnessError> {
+pub(crate) fn claim(
+    folder: &Path,
+    meta: &impl Serialize,
+    fingerprint: BTreeMap<String, String>,
+) -> Result<(), HarnessError> {
     if check(folder, &fingerprint)? {
         return Ok(());
     }

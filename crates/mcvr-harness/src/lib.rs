@@ -8,6 +8,7 @@ mod chart;
 mod claim;
 pub mod compare;
 pub mod converge;
+pub mod cost;
 mod error;
 pub mod fit;
 mod folder;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use mcvr_volume::open_regular;
 use serde::{Deserialize, Serialize};
 
-use crate::{HarnessError, PhaseSeconds};
+use crate::{Comparison, HarnessError, PhaseSeconds};
 
 /// One image that was made, measured and timed. Figures that are undefined are `None` (`null`, empty).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -32,8 +32,8 @@ pub struct Record {
     pub replicate: u32,
     /// Seed of this replicate, below 2^53 so that every JSON reader keeps it exact.
     pub seed: u64,
-    /// RMSE in the image's unit.
-    pub rmse: f64,
+    /// RMSE in the image's unit; `None` where nothing but the time was measured.
+    pub rmse: Option<f64>,
     /// RMSE over the truth's mean pixel, dimensionless.
     pub rel_rmse: Option<f64>,
     /// RMSE over the truth's peak pixel, dimensionless.
@@ -64,7 +64,56 @@ pub struct Record {
     pub machine: String,
 }
 
+/// What the records of a run share.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Setting<'a> {
+    pub(crate) threads: usize,
+    pub(crate) commit: Option<&'a str>,
+    pub(crate) machine: &'a str,
+    /// The truth's own error; 0 without a truth.
+    pub(crate) reference_error: f64,
+}
+
 impl Record {
+    /// The record of one image; without a comparison it holds its time alone.
+    pub(crate) fn of(
+        key: RecordKey,
+        replicate: u32,
+        budget_unit: &str,
+        (seconds, counters): (PhaseSeconds, serde_json::Value),
+        comparison: Option<&Comparison>,
+        setting: Setting<'_>,
+    ) -> Self {
+        let figure = |of: fn(&Comparison) -> Option<f64>| comparison.and_then(of);
+        Self {
+            dataset: key.dataset,
+            view: key.view,
+            size: key.size,
+            kernel: key.kernel,
+            estimand: key.estimand,
+            method: key.method,
+            budget_unit: budget_unit.to_owned(),
+            samples: key.samples,
+            replicate,
+            seed: key.seed,
+            rmse: figure(|c| Some(c.rmse)),
+            rel_rmse: figure(|c| c.rel_rmse),
+            rel_rmse_peak: figure(|c| c.rel_rmse_peak),
+            mae: figure(|c| c.mae),
+            max: figure(|c| c.max),
+            psnr: figure(|c| c.psnr),
+            bias: figure(|c| c.bias),
+            bias_se: figure(|c| c.bias_se),
+            seconds,
+            threads: setting.threads,
+            counters,
+            reference_error: setting.reference_error,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            commit: setting.commit.map(str::to_owned),
+            machine: setting.machine.to_owned(),
+        }
+    }
+
     /// What makes two records the same measurement.
     pub fn key(&self) -> RecordKey {
         RecordKey {
@@ -199,7 +248,7 @@ pub fn write_csv(records: &[Record], path: &Path) -> Result<(), HarnessError> {
             r.samples.to_string(),
             r.replicate.to_string(),
             r.seed.to_string(),
-            r.rmse.to_string(),
+            number(r.rmse),
             number(r.rel_rmse),
             number(r.rel_rmse_peak),
             number(r.mae),
@@ -281,7 +330,7 @@ pub(crate) mod tests {
             samples,
             replicate,
             seed: u64::from(replicate) + 7,
-            rmse: rel_rmse * 3.0,
+            rmse: Some(rel_rmse * 3.0),
             rel_rmse: Some(rel_rmse),
             rel_rmse_peak: Some(rel_rmse / 10.0),
             mae: Some(rel_rmse / 2.0),

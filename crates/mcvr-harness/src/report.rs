@@ -391,7 +391,7 @@ fn with_error(row: &Row) -> String {
 }
 
 /// Median and, in brackets, the ends; the first end without its unit where both have the same.
-fn with_ends(s: Spread) -> String {
+pub(crate) fn with_ends(s: Spread) -> String {
     let (median, min, max) = (seconds(s.median), seconds(s.min), seconds(s.max));
     let unit = |text: &str| text.split_once(' ').map(|(_, unit)| unit.to_owned());
     let short = if unit(&min) == unit(&max) { min.split(' ').next().unwrap_or(&min) } else { &min };

@@ -190,7 +190,7 @@ impl Row {
 }
 
 impl Spread {
-    fn of(mut values: Vec<f64>) -> Self {
+    pub(crate) fn of(mut values: Vec<f64>) -> Self {
         values.sort_unstable_by(f64::total_cmp);
         let n = values.len();
         let at = |i: usize| values.get(i).copied().unwrap_or(f64::NAN);
@@ -273,12 +273,12 @@ pub fn bias_p(bias: f64, standard_error: f64, n: usize, reference_error: f64) ->
     (standard_error > 0.0).then(|| student_p(left / standard_error, n as f64 - 1.0)).flatten().or(Some(0.0))
 }
 
-fn mean(values: &[f64]) -> f64 {
+pub(crate) fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
 /// Standard error of the mean; `None` for fewer than two values.
-fn standard_error(values: &[f64]) -> Option<f64> {
+pub(crate) fn standard_error(values: &[f64]) -> Option<f64> {
     let (n, m) = (values.len() as f64, mean(values));
     (values.len() > 1).then(|| (values.iter().map(|v| (v - m).powi(2)).sum::<f64>() / (n * (n - 1.0))).sqrt())
 }

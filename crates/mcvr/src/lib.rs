@@ -24,6 +24,7 @@ pub use mcvr_volume as volume;
 
 mod cloud;
 mod cloud_file;
+mod entrants;
 pub mod hardcases;
 mod make;
 mod matrix_file;
@@ -34,6 +35,7 @@ mod scene_file;
 
 pub use cloud::draw_cloud;
 pub use cloud_file::{CloudFileError, is_cloud, read_cloud, write_cloud, write_ply};
+pub use entrants::{Contestant, Timed};
 pub use make::{Made, MakeError, Request, Scenery, make};
 pub use matrix_file::{MatrixFileError, read_matrix};
 pub use measured::Measured;

@@ -7,15 +7,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use anyhow::{Context, bail};
 use mcvr::harness::{self, Claim, ConvergeOptions, RunMeta, RunSummary, RunWatch, Truth};
 use mcvr::sampling::check_samples;
-use mcvr::scene::film;
-use mcvr::scene::{Density, Extent, Watch};
-use mcvr::{Measured, Method, Request, make};
-use serde_json::{Value, json};
+use mcvr::scene::{Density, Extent};
+use mcvr::{Measured, Method, Request};
+use serde_json::json;
 
 use super::args::{BudgetArgs, DensityArgs, MethodArgs, ToneArgs, ViewArgs, VolumeArgs};
 use super::effect_args::EffectArgs;
-use super::render::write_json;
 use super::setup::{Setup, setup};
+use super::truth::{dataset, truth};
 use super::{Interrupted, numbers, outputs, process, progress};
 
 #[derive(clap::Args, Default)]
@@ -129,7 +128,8 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     };
     options.check(&methods)?;
     let claim = Claim::lay(&options, truth_size)?;
-    let truth = truth(&setup, density.mass(), &options, &claim, &cancel, quiet)?;
+    let confirm = |truth: &Truth| Ok(claim.confirm(&options, truth)?);
+    let truth = truth(&setup, density.mass(), (&options.out, "truth"), &confirm, &cancel, quiet)?;
     let summary = measure(claim, &methods, &truth, &options, &cancel, quiet)?;
     if cancel.load(Ordering::Relaxed) {
         say!("mcvr: finished records are kept in {}; the same command resumes", args.out.display());
@@ -146,7 +146,7 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
 }
 
 /// Size of the truth: the image, or three channels of a coloured one, one below the other.
-fn truth_size(setup: &Setup) -> anyhow::Result<Extent> {
+pub fn truth_size(setup: &Setup) -> anyhow::Result<Extent> {
     let camera = &setup.scenery.camera;
     let channels = setup.scenery.effects.look(setup.scenery.volume.grid(), camera)?.channels();
     Ok(Extent::new(camera.extent().width, camera.extent().height * channels)?)
@@ -171,12 +171,22 @@ fn measure(
     Ok(outcome?)
 }
 
-/// The scan's name without its folder.
-fn dataset(setup: &Setup) -> String {
-    Path::new(&setup.input).file_name().map_or(setup.input.clone(), |n| n.to_string_lossy().into_owned())
+fn meta(setup: &Setup, density: &Density) -> RunMeta {
+    RunMeta {
+        dataset: dataset(setup),
+        view: setup.view.clone(),
+        kernel: setup.request.kernel,
+        estimand: setup.request.estimand,
+        density: scene_words(setup, density),
+        threads: rayon::current_num_threads(),
+        machine: harness::machine(),
+        commit: harness::git_commit(),
+        command: command(),
+    }
 }
 
-fn meta(setup: &Setup, density: &Density) -> RunMeta {
+/// Everything about the images that has no field of its own, in words.
+pub fn scene_words(setup: &Setup, density: &Density) -> String {
     let mass = density.report();
     let clamped = match mass.negative {
         0 => String::new(),
@@ -187,27 +197,17 @@ fn meta(setup: &Setup, density: &Density) -> RunMeta {
         false => format!("; effects {}", json!(setup.scenery.effects)),
     };
     let order = setup.request.order.resolve(&setup.scenery.camera, setup.scenery.volume.grid());
-    RunMeta {
-        dataset: dataset(setup),
-        view: setup.view.clone(),
-        kernel: setup.request.kernel,
-        estimand: setup.request.estimand,
-        density: format!(
-            "{:?}, mass {:.6e}; voxel order {}, scramble {}{clamped}{effects}",
-            setup.scenery.map.transfer,
-            mass.mass,
-            order.name(),
-            setup.request.scramble.name()
-        ),
-        threads: rayon::current_num_threads(),
-        machine: harness::machine(),
-        commit: harness::git_commit(),
-        command: command(),
-    }
+    format!(
+        "{:?}, mass {:.6e}; voxel order {}, scramble {}{clamped}{effects}",
+        setup.scenery.map.transfer,
+        mass.mass,
+        order.name(),
+        setup.request.scramble.name()
+    )
 }
 
 /// The command line as given, paths of folders left out.
-fn command() -> String {
+pub fn command() -> String {
     let mut words = std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).map(|word| {
         match Path::new(&word).file_name() {
             Some(name) if word.starts_with('/') => name.to_string_lossy().into_owned(),
@@ -215,70 +215,4 @@ fn command() -> String {
         }
     });
     std::iter::once("mcvr".to_owned()).chain(&mut words).collect::<Vec<_>>().join(" ")
-}
-
-/// The reference image: from an earlier run into the same folder if it is the same, else ray cast. Nothing is written before
-/// the folder is known to be this run's.
-fn truth(
-    setup: &Setup,
-    mass: f64,
-    options: &ConvergeOptions,
-    claim: &Claim,
-    cancel: &AtomicBool,
-    quiet: bool,
-) -> anyhow::Result<Truth> {
-    let out = &options.out;
-    let (record, image) = (out.join("truth.json"), out.join("truth.npy"));
-    let tolerance = setup.request.tolerance;
-    let mut key = json!({
-        "geometry": setup.geometry(), "map": setup.scenery.map, "mass": mass, "tolerance": tolerance,
-        "kernel": setup.request.kernel, "estimand": setup.request.estimand, "version": env!("CARGO_PKG_VERSION"),
-    });
-    // The same scan in another folder has the same truth, and results name no folder of this machine.
-    key["geometry"]["volume"]["input"] = json!(dataset(setup));
-    if !setup.scenery.effects.is_plain() {
-        key["effects"] = json!(setup.scenery.effects);
-    }
-    if let Some(truth) = stored_truth(&record, &image, &key) {
-        claim.confirm(options, &truth)?;
-        return Ok(truth);
-    }
-    let camera = &setup.scenery.camera;
-    let bar = progress::bar(camera.extent().height as u64, quiet);
-    bar.set_message("ray casting the truth");
-    let advance = |n: u64| bar.inc(n);
-    let watch = Watch { progress: Some(&advance), cancel: Some(cancel) };
-    let made = make(&setup.scenery, &Request { method: Method::Exact, ..setup.request }, &watch);
-    bar.finish_and_clear();
-    let made = match made {
-        Err(e) if e.is_cancelled() => return Err(anyhow::Error::new(Interrupted)),
-        other => other?,
-    };
-    let rel_error_estimate = made.error.context("the reference states no error")?;
-    let seconds = made.seconds.projection;
-    let truth = Truth { image: made.measurable()?.into_owned(), rel_error_estimate, seconds };
-    claim.confirm(options, &truth)?;
-    film::write(&truth.image, &image, film::ImageFormat::Npy, &film::Tone::default())?;
-    write_json(
-        &record,
-        &json!({
-            "key": key, "sha256": harness::sha256(&truth.image), "rel_error_estimate": rel_error_estimate, "seconds": seconds,
-            "depth_limited_pixels": made.counters["depth_limited"], "counters": made.counters["reference"],
-        }),
-    )?;
-    Ok(truth)
-}
-
-fn stored_truth(record: &Path, image: &Path, key: &Value) -> Option<Truth> {
-    let stored: Value = serde_json::from_str(&std::fs::read_to_string(record).ok()?).ok()?;
-    if stored["key"] != *key {
-        return None;
-    }
-    // A run that was killed between the two files left them of different truths.
-    let image = film::read(image).ok().filter(|i| stored["sha256"] == harness::sha256(i))?;
-    Some(Truth {
-        image,
-        rel_error_estimate: stored["rel_error_estimate"].as_f64()?,
-        seconds: stored["seconds"].as_f64()?,
-    })
 }

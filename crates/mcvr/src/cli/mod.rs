@@ -11,6 +11,7 @@ macro_rules! say {
 mod args;
 mod compare;
 mod converge;
+mod cost;
 mod effect_args;
 mod hardcases;
 mod info;
@@ -27,6 +28,7 @@ mod render;
 mod sample;
 mod schema;
 mod setup;
+mod truth;
 
 use std::process::ExitCode;
 
@@ -49,7 +51,8 @@ use clap::{Parser, Subcommand};
     mcvr orbit phantom:lobster -o turntable.png      an animation from one point cloud\n  \
     mcvr plan examples/shaded.toml                   the passes of a scene, and what they take\n  \
     mcvr info scan.nii.gz                            what is in a file\n  \
-    mcvr converge lobster.mha -o results             error and time against the sample count\n\n\
+    mcvr converge lobster.mha -o results             error and time against the sample count\n  \
+    mcvr cost lobster.mha -o cost                    which method reaches which error in how many seconds\n\n\
     Exit status: 0 done, 1 failed, 2 wrong usage, 130 interrupted."
 )]
 struct Cli {
@@ -77,6 +80,8 @@ enum Command {
     Orbit(Box<orbit::Args>),
     /// Measure methods against the ray-cast truth over sample counts
     Converge(Box<converge::Args>),
+    /// Measure what accuracy costs in time: error against seconds, method against method
+    Cost(Box<cost::Args>),
     /// Compare two images: errors, bias, a signed difference image
     Compare(compare::Args),
     /// Describe a volume file
@@ -117,6 +122,7 @@ pub fn run() -> ExitCode {
         Some(Command::Project(args)) => project::run(&args, cli.quiet),
         Some(Command::Orbit(args)) => orbit::run(&args, cli.quiet),
         Some(Command::Converge(args)) => converge::run(&args, cli.quiet),
+        Some(Command::Cost(args)) => cost::run(&args, cli.quiet),
         Some(Command::Compare(args)) => compare::run(&args),
         Some(Command::Info(args)) => info::run(&args),
         Some(Command::Hardcases(args)) => hardcases::run(&args, cli.quiet),

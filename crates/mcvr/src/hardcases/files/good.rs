@@ -210,7 +210,7 @@ fn record(replicate: u32) -> Record {
         samples: 1 << 40,
         replicate,
         seed: 7,
-        rmse: 0.1 * 3.0,
+        rmse: Some(0.1 * 3.0),
         rel_rmse: Some(1.0 / 3.0),
         rel_rmse_peak: None,
         mae: Some(1e-300),

@@ -1,0 +1,164 @@
+//! Error against time of each volume, and the time to an error against the volume's size.
+
+use super::points::Point;
+use super::reach::By;
+use super::summary::{CostSummary, SubjectInfo, floor};
+use super::tables::target_words;
+use crate::chart::{Axis, Bar, Chart, Curve};
+use crate::fit::FLOOR_FACTOR;
+use crate::format::{grouped, percent, percent_tick, power_tick, seconds, seconds_tick};
+use crate::{HarnessError, Spread};
+
+/// A plot is drawn down to the floor if that is at most so many decades below the lowest point.
+const FLOOR_REACH: f64 = 1.0;
+
+/// A plot's file name, its SVG and what it shows.
+pub(crate) struct Plot {
+    pub(crate) name: String,
+    pub(crate) svg: String,
+    pub(crate) what: String,
+}
+
+/// A number of threads in words.
+pub(crate) fn threads(n: usize) -> String {
+    if n == 1 { "1 thread".into() } else { format!("{n} threads") }
+}
+
+/// Letters, digits and dashes of a name, for a file.
+pub(crate) fn slug(name: &str) -> String {
+    let kept = name.chars().map(|c| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' });
+    let text: String = kept.collect();
+    text.split('-').filter(|part| !part.is_empty()).collect::<Vec<_>>().join("-")
+}
+
+/// An error as part of a file name: `0p3`.
+pub(crate) fn target_slug(target: f64) -> String {
+    slug(&target_words(target).replace('.', "p"))
+}
+
+/// Name of the plot of [`error_vs_time`].
+pub(crate) fn error_vs_time_name(run: &CostSummary, subject: &SubjectInfo, lane: usize) -> String {
+    let of = if run.judged().count() > 1 { format!("-{}", slug(&subject.dataset)) } else { String::new() };
+    let on = if Some(&lane) == run.meta.threads.last() { String::new() } else { format!("-{lane}-thread") };
+    format!("error_vs_time{of}{on}.svg")
+}
+
+/// Relative RMSE against the time of a complete image. `None` when there is nothing to draw.
+pub(crate) fn error_vs_time(
+    run: &CostSummary,
+    subject: &SubjectInfo,
+    lane: usize,
+) -> Result<Option<Plot>, HarnessError> {
+    let Some(truth) = &subject.truth else { return Ok(None) };
+    let floor = floor(truth.rel_error_estimate);
+    let plotted = run.methods.iter().filter(|m| m.plotted).enumerate();
+    let curves: Vec<Curve> = plotted
+        .map(|(style, method)| {
+            let point = |p: &Point| {
+                let error = p.error.filter(|e| *e > floor)?;
+                let spread = p.error_se.unwrap_or(0.0);
+                let y = Bar { low: (error - spread).max(floor), mid: error, high: error + spread };
+                Some((ends(p.complete), y))
+            };
+            let points = run.points_of(subject, lane, &method.name).filter_map(point).collect();
+            Curve { label: method.label.clone(), style, points }
+        })
+        .filter(|c| !c.points.is_empty())
+        .collect();
+    let all = || curves.iter().flat_map(|c| &c.points);
+    let lowest = all().map(|(_, y)| y.low).fold(f64::INFINITY, f64::min);
+    let shown = floor > 0.0 && (lowest / floor).log10() <= FLOOR_REACH;
+    let x_name = format!("Wall-clock time of a complete image, {}", threads(lane));
+    let x = Axis::holding(all().flat_map(|(x, _)| [x.low, x.high]), &x_name, seconds_tick);
+    let y_values = all().flat_map(|(_, y)| [y.low, y.high]).chain(shown.then_some(floor));
+    let y = Axis::holding(y_values, "RMSE over the mean pixel", percent_tick);
+    let Some((x, y)) = x.zip(y) else { return Ok(None) };
+    let mut caption = about(run, &subject.dataset, lane);
+    caption.push(format!(
+        "Points: root mean square error and median time of {} repeats; bars: standard error, fastest to slowest. Truth: ray \
+         casting, {}, own error {}; nothing is drawn below {FLOOR_FACTOR} times that{}.",
+        run.repeats,
+        seconds(truth.seconds),
+        percent(truth.rel_error_estimate),
+        if shown { "" } else { ", which lies below the axis" },
+    ));
+    let chart = Chart {
+        name: "error against time",
+        title: format!("What accuracy costs in time: {}", subject.dataset),
+        caption,
+        x,
+        y,
+        curves,
+        guides: Vec::new(),
+        floor: shown.then(|| (floor, format!("{FLOOR_FACTOR} × the truth's own error"))),
+    };
+    let what = format!("Error against time, {}, {}. Lower left is better.", subject.dataset, threads(lane));
+    Ok(Some(Plot { name: error_vs_time_name(run, subject, lane), svg: chart.svg()?, what }))
+}
+
+/// Time of one image to an error against the number of voxels; `None` with fewer than two volumes.
+pub(crate) fn time_vs_voxels(run: &CostSummary, lane: usize, target: f64) -> Result<Option<Plot>, HarnessError> {
+    if run.judged().count() < 2 {
+        return Ok(None);
+    }
+    let plotted = run.methods.iter().filter(|m| m.plotted).enumerate();
+    let curves: Vec<Curve> = plotted
+        .map(|(style, method)| {
+            let mut points: Vec<(Bar, Bar)> = run
+                .judged()
+                .filter_map(|(subject, _)| {
+                    let row = run.reaches.iter().find(|r| {
+                        r.dataset == subject.dataset
+                            && r.threads == lane
+                            && r.method == method.name
+                            && r.target == target
+                    })?;
+                    let reach = row.reach.filter(|r| r.by != By::Extrapolated)?;
+                    Some((exact(subject.voxels as f64), exact(reach.total(1, 1))))
+                })
+                .collect();
+            points.sort_by(|a, b| a.0.mid.total_cmp(&b.0.mid));
+            Curve { label: method.label.clone(), style, points }
+        })
+        .filter(|c| !c.points.is_empty())
+        .collect();
+    let all = || curves.iter().flat_map(|c| &c.points);
+    let x = Axis::holding(all().map(|(x, _)| x.mid), "Voxels", power_tick);
+    let y_name = format!("Wall-clock time of a complete image at {} error, {}", target_words(target), threads(lane));
+    let y = Axis::holding(all().map(|(_, y)| y.mid), &y_name, seconds_tick);
+    let Some((x, y)) = x.zip(y) else { return Ok(None) };
+    let sizes: Vec<String> = run.judged().map(|(s, _)| grouped(s.voxels)).collect();
+    let mut caption = about(run, &run.meta.title, lane);
+    caption.push(format!("Medians of {} repeats; {} voxels.", run.repeats, sizes.join(", ")));
+    let chart = Chart {
+        name: "time against voxels",
+        title: format!("Time to {} error against the volume's size: {}", target_words(target), run.meta.title),
+        caption,
+        x,
+        y,
+        curves,
+        guides: Vec::new(),
+        floor: None,
+    };
+    let name = format!("time_vs_voxels-{}.svg", target_slug(target));
+    let what = format!("Time of a complete image at {} error against the number of voxels.", target_words(target));
+    Ok(Some(Plot { name, svg: chart.svg()?, what }))
+}
+
+/// What was measured, where: the first lines of every caption.
+pub(crate) fn about(run: &CostSummary, dataset: &str, lane: usize) -> Vec<String> {
+    let m = &run.meta;
+    let commit = m.commit.as_deref().unwrap_or("unknown");
+    vec![
+        format!("{dataset}, {}, {}, kernel {}, estimand {}.", m.view, m.size, m.kernel.name(), m.estimand),
+        format!("{}; {}; commit {commit}.", m.machine, threads(lane)),
+    ]
+}
+
+fn exact(value: f64) -> Bar {
+    Bar { low: value, mid: value, high: value }
+}
+
+fn ends(spread: Spread) -> Bar {
+    Bar { low: spread.min, mid: spread.median, high: spread.max }
+}

@@ -2,7 +2,7 @@
 
 use crate::fit::{CONFIDENCE, FLOOR_FACTOR, SlopeFit};
 use crate::format::{self, percent, samples, seconds, short_samples, significant, slope};
-use crate::{MethodSummary, Ratio, Row, RunSummary, Spread, plot};
+use crate::{MethodSummary, Ratio, Row, RunSummary, Spread, cost, plot};
 
 /// Sample count and time of a complete X-ray image in the report by Law and Blythe, as printed there.
 const REPORT_COMPLETE: (u64, f64) = (1_000_000, 1.192);
@@ -67,6 +67,11 @@ pub(crate) fn blocks(run: &RunSummary) -> Vec<Block> {
         blocks.push(Block::Plot(plot::ERROR_VS_TIME.into(), "Error against time. Lower left is better.".into()));
     }
     blocks.extend(headline(run).map(|m| headline_table(run, m)));
+    if let Some(table) = cost::time_to_error_of(run) {
+        blocks.push(Block::Heading("Time to an error".into()));
+        blocks.push(table);
+        blocks.push(Block::Text(cost::READING.into()));
+    }
     blocks.push(Block::Heading("Error by sample count".into()));
     blocks.push(Block::Text(error_notes(run)));
     blocks.push(error_table(run));

@@ -23,6 +23,9 @@ use serde::Serialize;
 
 use crate::{Method, Truth};
 
+pub(crate) use report::READING;
+pub(crate) use tables::time_to_error_of;
+
 pub use measure::CostRun;
 pub use model::CostModel;
 pub use points::Point;

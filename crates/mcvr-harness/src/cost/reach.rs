@@ -112,7 +112,7 @@ impl Ladder {
             return None;
         }
         let factor = (error / last.error).powf(1.0 / slope);
-        (factor <= EXTRAPOLATION).then(|| Reach {
+        (factor <= EXTRAPOLATION).then_some(Reach {
             budget: last.budget * factor,
             prepare: last.prepare,
             view: last.view * factor,

@@ -2,7 +2,7 @@
 
 use super::plots::{Plot, threads};
 use super::summary::{ANY, CostSummary, ReachRow, SubjectInfo};
-use super::tables::{self, FASTEST, label, target_words};
+use super::tables::{self, label, target_words};
 use crate::fit::FLOOR_FACTOR;
 use crate::format::{percent, seconds};
 use crate::report::Block;
@@ -159,14 +159,13 @@ pub(crate) fn blocks(run: &CostSummary, plots: &[Plot]) -> Vec<Block> {
 }
 
 fn how_to_read(run: &CostSummary) -> String {
-    format!(
-        "{FASTEST} marks the quickest measured way: the frontier. Between two measured budgets of a sampler error and time follow power \
-         laws; ray casters have the settings that were measured and none between. ≈ continues a sampler's curve beyond its last \
-         budget (images of more than {} were not made), and is never marked. – means that the method does not get there, or that the \
-         truth cannot judge it.",
-        seconds(run.longest)
-    )
+    format!("{READING} Budgets were not raised once an image took longer than {}.", seconds(run.longest))
 }
+
+/// What the marks of a table of times to an error mean.
+pub(crate) const READING: &str = "★ marks the quickest measured way: the frontier. Between two measured budgets of a sampler error and \
+    time follow power laws; ray casters have the settings that were measured and none between. ≈ continues a sampler's curve beyond \
+    its last budget, and is never marked. – means that the method does not get there, or that the truth cannot judge it.";
 
 fn sizes(run: &CostSummary, lane: usize, plot: &dyn Fn(&str) -> Option<Block>, blocks: &mut Vec<Block>) {
     blocks.push(Block::Heading("Volume size".into()));

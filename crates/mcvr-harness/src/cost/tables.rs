@@ -1,12 +1,13 @@
 //! The tables of a cost report.
 
-use super::VIEWS;
 use super::plots::threads;
 use super::points::Point;
-use super::reach::{By, Reach};
-use super::summary::{ANY, CostSummary, MethodInfo, ReachRow, SubjectInfo};
+use super::reach::{By, Ladder, Reach, Step};
+use super::summary::{ANY, CostSummary, MethodInfo, ReachRow, SubjectInfo, floor};
+use super::{TARGETS, VIEWS};
 use crate::format::{grouped, percent, samples, seconds, short_samples, significant, with_error};
 use crate::report::Block;
+use crate::{MethodSummary, RunSummary};
 
 /// Marks the quickest of a column.
 pub(crate) const FASTEST: &str = "★";
@@ -47,28 +48,58 @@ fn rows_of<'a>(
     run.reaches.iter().filter(move |r| r.dataset == subject.dataset && r.threads == lane && r.method == method)
 }
 
-/// Time of one image to each error, and the budget that it takes.
+/// Time of one image to each error.
 pub(crate) fn time_to_error(run: &CostSummary, subject: &SubjectInfo, lane: usize) -> Block {
-    let cell = |row: &ReachRow| {
-        let Some(reach) = row.reach else { return dash() };
-        let time = seconds(reach.total(1, 1));
-        match (reach.by, row.fastest[0]) {
-            (By::Extrapolated, _) => format!("≈ {time}"),
-            (_, true) => format!("{time} {FASTEST}"),
-            _ => time,
-        }
+    let row = |m: &MethodInfo| {
+        let cells = rows_of(run, subject, lane, &m.name).map(|row| cell(row.reach, row.fastest[0]));
+        std::iter::once(m.label.clone()).chain(cells).collect()
     };
-    Block::Table {
-        head: head(&["Time of one image to an error of"], run.targets.iter().map(|&t| target_words(t))),
-        names: 1,
-        rows: run
-            .methods
-            .iter()
-            .map(|m| {
-                let cells = rows_of(run, subject, lane, &m.name).map(cell);
-                std::iter::once(m.label.clone()).chain(cells).collect()
-            })
-            .collect(),
+    times(&run.targets, run.methods.iter().map(row).collect())
+}
+
+/// The same for the methods of a convergence run.
+pub(crate) fn time_to_error_of(run: &RunSummary) -> Option<Block> {
+    let floor = floor(run.truth.rel_error_estimate);
+    let ladder = |m: &MethodSummary| {
+        let rows = run.rows.iter().filter(|r| r.method == m.name && !r.series_only && r.error > 0.0);
+        let steps = rows.map(|r| Step {
+            budget: r.samples as f64,
+            error: r.error,
+            prepare: r.distribution.median,
+            view: r.complete.median - r.distribution.median,
+        });
+        Ladder { steps: steps.collect(), continuous: m.expected_slope.is_some(), preparations: 1 }
+    };
+    let ladders: Vec<Ladder> = run.methods.iter().map(ladder).collect();
+    let reaches = |target: f64| ladders.iter().map(move |l| l.reach(target, floor)).collect::<Vec<_>>();
+    let columns: Vec<Vec<(Option<Reach>, bool)>> = TARGETS
+        .iter()
+        .map(|&target| {
+            let column = reaches(target);
+            let measured = |r: &Option<Reach>| r.filter(|r| r.by != By::Extrapolated).map(|r| r.total(1, 1));
+            let least = column.iter().filter_map(measured).min_by(f64::total_cmp);
+            column.into_iter().map(|r| (r, least.is_some() && measured(&r) == least)).collect()
+        })
+        .collect();
+    let row = |(i, m): (usize, &MethodSummary)| {
+        std::iter::once(m.label.clone()).chain(columns.iter().map(|c| cell(c[i].0, c[i].1))).collect()
+    };
+    let rows: Vec<Vec<String>> = run.methods.iter().enumerate().map(row).collect();
+    columns.iter().flatten().any(|(reach, _)| reach.is_some()).then(|| times(&TARGETS, rows))
+}
+
+fn times(targets: &[f64], rows: Vec<Vec<String>>) -> Block {
+    let head = head(&["Time of one image to an error of"], targets.iter().map(|&t| target_words(t)));
+    Block::Table { head, names: 1, rows }
+}
+
+fn cell(reach: Option<Reach>, fastest: bool) -> String {
+    let Some(reach) = reach else { return dash() };
+    let time = seconds(reach.total(1, 1));
+    match (reach.by, fastest) {
+        (By::Extrapolated, _) => format!("≈ {time}"),
+        (_, true) => format!("{time} {FASTEST}"),
+        _ => time,
     }
 }
 

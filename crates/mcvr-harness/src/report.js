@@ -167,7 +167,8 @@
     // Small pictures are magnified by a whole number, so that every pixel is seen as a square.
     const times = Math.max(1, Math.floor(480 / width));
     const stage = make("div", { class: times > 1 ? "stage squares" : "stage", role: "img" }, ...Object.values(layers));
-    stage.style.width = `${times * width}px`;
+    const wide = `${times * width}px`;
+    stage.style.width = wide;
     stage.style.aspectRatio = `${width} / ${height}`;
     const caption = make("figcaption");
     const all = make("button", { type: "button", class: "all", "aria-expanded": "false" });
@@ -189,7 +190,7 @@
       const share = Math.round(100 * (at - low));
       const words = share === 0 ? state[low] : share === 100 ? state[low + 1]
         : `${100 - share} % ${names[low].toLowerCase()}, ${share} % ${names[low + 1].toLowerCase()}: ${part.label}, ${shot.words}`;
-      settingWords.textContent = shot.words;
+      settingWords.textContent = shot.setting.toLocaleString("en");
       setting.setAttribute("aria-valuetext", shot.words);
       mix.setAttribute("aria-valuetext", words);
       stage.setAttribute("aria-label", words);
@@ -226,13 +227,16 @@
     all.addEventListener("click", () => flip(!box.classList.contains("open")));
     flip(false);
 
+    const mixer = make("div", { class: "mixer" },
+      make("label", {}, make("span", {}, "From the method over the truth to the difference"), mix),
+      make("div", { class: "stops" }, ...stops));
+    mixer.style.width = wide;
     box.prepend(make("div", { class: "view" },
       make("div", { class: "controls" },
         make("label", {}, "Method", method),
         make("label", {}, box.dataset.setting, setting, settingWords)),
       make("figure", {}, stage, caption),
-      make("label", { class: "mixer" }, make("span", {}, "From the method over the truth to the difference"), mix),
-      make("div", { class: "stops" }, ...stops),
+      mixer,
       all));
     choose();
   };

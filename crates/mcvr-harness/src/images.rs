@@ -127,3 +127,43 @@ fn write_png(extent: Extent, pixels: &[u8], palette: Option<&[[u8; 3]]>, path: &
     let filtered = encoded(png::Filter::Adaptive).map_err(|e| HarnessError::file(path, e))?;
     write_file(path, if plain.len() <= filtered.len() { &plain } else { &filtered })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn differences_keep_sign_order_and_zero_in_255_steps() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("d.png");
+        let extent = Extent::new(601, 1).unwrap();
+        let values: Vec<f64> = (-300..=300).map(|i| f64::from(i) / 200.0).collect();
+        let test = Image::from_values(extent, values.clone()).unwrap();
+        write_difference(&test, &Image::zeros(extent), 1.0, &path).unwrap();
+        let shown = image::open(&path).unwrap().to_rgb8();
+        let exact = diverging_rgb(&test, 1.0);
+        for (x, (value, exact)) in values.iter().zip(exact).enumerate() {
+            let pixel = shown.get_pixel(x as u32, 0).0;
+            assert_eq!(value.abs() < 0.5 / LEVELS, pixel == [255; 3], "white is the same: {value}");
+            // Half a step of 1/127 over at most 231 grey levels, and rounding.
+            let off = pixel.iter().zip(exact).map(|(a, b)| a.abs_diff(b)).max().unwrap();
+            assert!(f64::from(off) <= 231.0 / (2.0 * LEVELS) + 1.0, "{value}: {pixel:?} for {exact:?}");
+        }
+        assert_eq!(shown.get_pixel(0, 0).0, [33, 102, 172]);
+        assert_eq!(shown.get_pixel(600, 0).0, [178, 24, 43]);
+        assert_eq!(std::fs::read(&path).unwrap()[25], 3, "one byte a pixel and a palette");
+    }
+
+    #[test]
+    fn grey_pictures_keep_every_level() {
+        let folder = tempfile::tempdir().unwrap();
+        let extent = Extent::new(16, 16).unwrap();
+        let truth = Image::from_values(extent, (0..256).map(f64::from).collect()).unwrap();
+        let mut pictures = Pictures::new(folder.path(), &truth);
+        pictures.limits = [0.0, 255.0];
+        pictures.write_truth().unwrap();
+        let shown = image::open(folder.path().join("truth.png")).unwrap();
+        assert_eq!(shown.color(), image::ColorType::L8);
+        assert_eq!(shown.to_luma8().as_raw()[..], (0..=255).collect::<Vec<u8>>()[..]);
+    }
+}

@@ -11,7 +11,6 @@
   };
 
   const root = document.documentElement;
-  root.classList.add("live");
 
   // Boxes that hold their contents need no stop of the tab key.
   const boxes = [...document.querySelectorAll(".scroll[tabindex], pre[tabindex]")];
@@ -238,6 +237,7 @@
       make("figure", {}, stage, caption),
       mixer,
       all));
+    box.classList.add("live");
     choose();
   };
 

@@ -28,7 +28,7 @@
     const pictures = all(".gallery img").map((img) =>
       img.complete && img.naturalWidth > 0 && img.naturalWidth === Number(img.getAttribute("width")));
     return {
-      live: doc.documentElement.classList.contains("live"),
+      live: doc.querySelector(".view") !== null,
       scrollWidth: doc.documentElement.scrollWidth,
       clientWidth: doc.documentElement.clientWidth,
       tooWide: all("main, main > *, section > *, header > *, .view *").filter((element) =>

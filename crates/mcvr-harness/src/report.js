@@ -144,7 +144,8 @@
     }).filter((part) => part.shots.length > 0);
     if (!truthFigure || series.length === 0) return;
     const truth = picture(truthFigure);
-    const [width, height] = ["width", "height"].map((side) => truthFigure.querySelector("img")[side]);
+    // As stated, not as laid out.
+    const [width, height] = ["width", "height"].map((side) => Number(truthFigure.querySelector("img").getAttribute(side)));
     const steps = 20;
     const names = ["Method", "Truth", "Difference"];
 
@@ -160,7 +161,8 @@
       });
       return stop;
     });
-    const layer = (role) => make("img", { class: role, alt: "", width, height });
+    // Decoded at once, so that no empty frame flashes between two pictures.
+    const layer = (role) => make("img", { class: role, alt: "", width, height, decoding: "sync" });
     const layers = { image: layer("image"), truth: layer("truth"), difference: layer("difference") };
     layers.truth.src = truth.src;
     // Small pictures are magnified by a whole number, so that every pixel is seen as a square.

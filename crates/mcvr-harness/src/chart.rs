@@ -105,7 +105,7 @@ impl Layout {
         width: 360,
         height: None,
         margin: 4.0,
-        left: 58.0,
+        left: 64.0,
         right: 12.0,
         title_size: 14.0,
         title_wrap: 40,

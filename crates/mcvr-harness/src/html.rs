@@ -78,6 +78,8 @@ pub(crate) fn page(title: &str, blocks: &[Block], folder: &Path) -> Result<Strin
     }
     body.push_str(if section == 0 { "</header>\n" } else { "</section>\n" });
     let title = escape(title);
+    // File names are long words.
+    let broken = title.replace('_', "_<wbr>");
     // The policy is a promise that the browser keeps: this page asks for nothing from anywhere. The empty icon keeps
     // servers from being asked for theirs.
     Ok(format!(
@@ -87,7 +89,7 @@ pub(crate) fn page(title: &str, blocks: &[Block], folder: &Path) -> Result<Strin
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <meta name=\"color-scheme\" content=\"light dark\">\n<link rel=\"icon\" href=\"data:,\">\n\
          <title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n\
-         <body>\n<main>\n<header>\n<h1>{title}</h1>\n{body}</main>\n<script>\n{SCRIPT}</script>\n</body>\n</html>\n"
+         <body>\n<main>\n<header>\n<h1>{broken}</h1>\n{body}</main>\n<script>\n{SCRIPT}</script>\n</body>\n</html>\n"
     ))
 }
 

@@ -101,8 +101,10 @@ pub(super) fn headline_table(run: &RunSummary, m: u64) -> Block {
         rows: rows
             .map(|r| {
                 let method = run.methods.iter().find(|m| m.name == r.method);
+                let unit = unit(run, r);
+                let unit = if unit == "samples" { String::new() } else { format!(" ({unit})") };
                 vec![
-                    method.map_or(r.method.clone(), |m| m.label.clone()),
+                    label(run, r) + &unit,
                     with_error_of(r),
                     seconds(r.complete.median),
                     ratio(r.efficiency),

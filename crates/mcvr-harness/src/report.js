@@ -71,8 +71,10 @@
       hit.addEventListener("focus", () => show(hit));
       hit.addEventListener("blur", hide);
     }
-    const x = (hit) => hit.cx.baseVal.value;
-    const y = (hit) => hit.cy.baseVal.value;
+    for (const group of svg.querySelectorAll(".hits")) group.setAttribute("role", "group");
+    // Middles of targets of any shape.
+    const x = (hit) => hit.getBBox().x + hit.getBBox().width / 2;
+    const y = (hit) => hit.getBBox().y + hit.getBBox().height / 2;
     const nearest = (list, distance) => list.reduce((a, b) => (distance(b) < distance(a) ? b : a));
 
     const point = (event) => {
@@ -80,9 +82,11 @@
       const scale = svg.viewBox.baseVal.width / box.width;
       const [px, py] = [(event.clientX - box.left) * scale, (event.clientY - box.top) * scale];
       const away = (hit) => Math.hypot(x(hit) - px, y(hit) - py);
-      const hit = nearest(hits, away);
-      // A finger is wider than a pointer.
-      if (away(hit) < scale * (event.pointerType === "touch" ? 28 : 18)) show(hit);
+      // Targets overlap, so the nearest counts, not the topmost. A finger is wider than a pointer.
+      const near = nearest(hits, away);
+      const reach = scale * (event.pointerType === "touch" ? 28 : 18);
+      const hit = away(near) < reach ? near : event.target.closest(".hit");
+      if (hit) show(hit);
       else hide();
     };
     svg.addEventListener("pointermove", point);

@@ -107,7 +107,7 @@ pub(super) fn method_blocks(run: &RunSummary, has_series: bool, blocks: &mut Vec
         ("records.csv", "every measured image, one row each; units in the column names"),
         ("summary.json", "what the tables of this page show"),
     ])));
-    blocks.push(Block::Text("Beside this page, in the folder of the run:".into()));
+    blocks.push(Block::Text("Beside this page, while it lies in the folder of the run:".into()));
     blocks.push(Block::Files(present(&[
         ("records.jsonl", "every measured image with all counters, appended while measuring"),
         ("summary.csv", "errors, biases, times and ratios by method and sample count"),

@@ -25,7 +25,7 @@ pub fn find() -> Option<PathBuf> {
         let notice = "no chromium in PATH (or MCVR_CHROMIUM): the page is not tested in a browser";
         assert!(std::env::var_os("MCVR_EXPECT_CHROMIUM").is_none(), "{notice}, and MCVR_EXPECT_CHROMIUM is set");
         // Past the test harness, which keeps the output of tests that pass.
-        let _ = writeln!(std::io::stderr(), "skipped: {notice}");
+        let _ = std::io::stderr().write_all(format!("skipped: {notice}\n").as_bytes());
     }
     found
 }

@@ -2,22 +2,23 @@
 //! no whole decade gets no labels; plotters draws the shapes and the text.
 
 use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::text_anchor::HPos;
 
 use crate::HarnessError;
+use axis::Field;
+use pen::{Drawn, FINE, Pen, px, stroke};
 
-/// Width and height in CSS pixels.
-const SIZE: (i32, i32) = (760, 560);
-/// Drawing units per CSS pixel: plotters rounds positions to whole units.
-pub(crate) const FINE: i32 = 8;
-/// plotters-svg writes a font of nominal size s as s / 1.24 px.
-const FONT: f64 = 1.24;
+pub(crate) use axis::Axis;
+
+mod axis;
+mod hover;
+pub(crate) mod pen;
 
 pub(crate) const INK: RGBColor = RGBColor(31, 35, 40);
 pub(crate) const MUTED: RGBColor = RGBColor(89, 96, 105);
 const FRAME: RGBColor = RGBColor(140, 146, 152);
 const GRID: RGBColor = RGBColor(222, 225, 229);
-const FAINT: RGBColor = RGBColor(241, 243, 245);
+pub(crate) const FAINT: RGBColor = RGBColor(241, 243, 245);
 
 /// Colours that people with any colour vision tell apart (Okabe and Ito 2008), yellow left out for contrast.
 pub(crate) const PALETTE: [RGBColor; 7] = [
@@ -30,47 +31,6 @@ pub(crate) const PALETTE: [RGBColor; 7] = [
     RGBColor(31, 35, 40),
 ];
 
-/// A logarithmic axis over whole decades.
-#[derive(Clone, Debug)]
-pub(crate) struct Axis {
-    decades: [i32; 2],
-    name: String,
-    label: fn(f64) -> String,
-}
-
-impl Axis {
-    /// The axis of whole decades that holds all values; at least one decade wide. `None` without a positive value.
-    pub(crate) fn holding(values: impl Iterator<Item = f64>, name: &str, label: fn(f64) -> String) -> Option<Self> {
-        let logs = values.filter(|v| *v > 0.0 && v.is_finite()).map(f64::log10);
-        let ends = logs
-            .fold(None, |ends: Option<[f64; 2]>, v| Some(ends.map_or([v, v], |[low, high]| [low.min(v), high.max(v)])));
-        let [low, high] = ends?.map(|v| if (v - v.round()).abs() < 1e-9 { v.round() } else { v });
-        let low = low.floor() as i32;
-        Some(Self { decades: [low, (high.ceil() as i32).max(low + 1)], name: name.to_owned(), label })
-    }
-
-    /// Position from 0 to 1 of a value.
-    fn position(&self, value: f64) -> f64 {
-        let [low, high] = self.decades.map(f64::from);
-        (value.log10() - low) / (high - low)
-    }
-
-    /// Grid values: (value, strong line, labelled).
-    fn ticks(&self) -> Vec<(f64, bool, bool)> {
-        let [low, high] = self.decades;
-        let (few, step) = (high - low <= 2, ((high - low) / 9) + 1);
-        let mut ticks = Vec::new();
-        for decade in low..=high {
-            let base = 10f64.powi(decade);
-            ticks.push((base, true, (decade - low) % step == 0));
-            if decade < high {
-                ticks.extend((2..10).map(|i| (f64::from(i) * base, false, few && (i == 2 || i == 5))));
-            }
-        }
-        ticks
-    }
-}
-
 /// A measured value with the smallest and largest of its replicates.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bar {
@@ -80,12 +40,14 @@ pub(crate) struct Bar {
 }
 
 /// One method's points, in the order in which the line joins them.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Curve {
     pub(crate) label: String,
     /// Position in the palette, the same in every chart.
     pub(crate) style: usize,
     pub(crate) points: Vec<(Bar, Bar)>,
+    /// What a reader sees at each point, one line for each figure; fewer than points, or none, is allowed.
+    pub(crate) hover: Vec<String>,
 }
 
 /// A dashed straight line `y = y0 (x / x0)^slope`, to judge slopes by.
@@ -110,47 +72,120 @@ pub(crate) struct Chart {
     pub(crate) floor: Option<(f64, String)>,
 }
 
+/// Sizes and places in CSS pixels; text lengths in characters.
+struct Layout {
+    width: i32,
+    /// `None`: as high as the contents need.
+    height: Option<i32>,
+    margin: f64,
+    /// Room beside the field.
+    left: f64,
+    right: f64,
+    title_size: f64,
+    title_wrap: usize,
+    caption_size: f64,
+    wrap: usize,
+    key_below: bool,
+}
+
+impl Layout {
+    const WIDE: Self = Self {
+        width: 760,
+        height: Some(560),
+        margin: 16.0,
+        left: 74.0,
+        right: 22.0,
+        title_size: 18.0,
+        title_wrap: usize::MAX,
+        caption_size: 12.0,
+        wrap: 112,
+        key_below: false,
+    };
+    const NARROW: Self = Self {
+        width: 360,
+        height: None,
+        margin: 4.0,
+        left: 64.0,
+        right: 12.0,
+        title_size: 14.0,
+        title_wrap: 40,
+        caption_size: 11.0,
+        wrap: 56,
+        key_below: true,
+    };
+}
+
 impl Chart {
     /// The chart as a self-contained SVG document.
     ///
     /// # Errors
     /// [`HarnessError::Plot`] when the drawing library refuses.
     pub(crate) fn svg(&self) -> Result<String, HarnessError> {
+        self.with_room().laid_out(&Layout::WIDE)
+    }
+
+    /// The same for a phone: narrow, the legend below the field.
+    ///
+    /// # Errors
+    /// As [`Chart::svg`].
+    pub(crate) fn narrow_svg(&self) -> Result<String, HarnessError> {
+        self.laid_out(&Layout::NARROW)
+    }
+
+    fn laid_out(&self, layout: &Layout) -> Result<String, HarnessError> {
         let mut svg = String::new();
         let fail = |e: String| HarnessError::Plot { name: self.name.to_owned(), problem: e };
-        let size = ((SIZE.0 * FINE) as u32, (SIZE.1 * FINE) as u32);
-        let area = SVGBackend::with_string(&mut svg, size).into_drawing_area();
-        self.with_room().draw(&Pen { area: &area }).and_then(|()| area.present()).map_err(|e| fail(e.to_string()))?;
+        let title = wrap(&self.title, layout.title_wrap);
+        let caption: Vec<String> = self.caption.iter().flat_map(|line| wrap(line, layout.wrap)).collect();
+        let field = self.field(layout, title.len(), caption.len());
+        let below = if layout.key_below { self.key_size().2 } else { 0.0 };
+        let css = [layout.width, (field.bottom + 62.0 + below + 16.0 * caption.len() as f64).ceil() as i32];
+        let [width, height] = css.map(|side| (side * FINE) as u32);
+        let area = SVGBackend::with_string(&mut svg, (width, height)).into_drawing_area();
+        let drawn = self.draw(&Pen { area: &area }, layout, &field, [&title, &caption]);
+        drawn.and_then(|()| area.present()).map_err(|e| fail(e.to_string()))?;
         drop(area);
-        finish_svg(&svg, SIZE, &self.title, self.name)
+        finish_svg(&svg, css, &self.title, &self.targets(&field)).ok_or_else(|| fail("unexpected SVG document".into()))
     }
 
     /// The chart with its y axis a decade or two longer when the legend would otherwise hide points.
     fn with_room(&self) -> Self {
         let mut chart = self.clone();
         for _ in 0..2 {
-            if chart.free_corner(&chart.field(0)).1 > 0 {
+            if chart.free_corner(&chart.field(&Layout::WIDE, 1, 0)).1 > 0 {
                 chart.y.decades[1] += 1;
             }
         }
         chart
     }
 
-    /// The rectangle of the data above a caption of so many lines.
-    fn field(&self, caption_lines: usize) -> Field<'_> {
-        let bottom = f64::from(SIZE.1) - 62.0 - 16.0 * caption_lines as f64;
-        Field { left: 74.0, right: f64::from(SIZE.0) - 22.0, top: 76.0, bottom, x: &self.x, y: &self.y }
+    /// The rectangle of the data below so many lines of title and above so many of caption.
+    fn field(&self, layout: &Layout, title_lines: usize, caption_lines: usize) -> Field<'_> {
+        let top = 76.0 + 20.0 * title_lines.saturating_sub(1) as f64;
+        let bottom = match layout.height {
+            Some(height) => f64::from(height) - 62.0 - 16.0 * caption_lines as f64,
+            None => top + 260.0,
+        };
+        Field { left: layout.left, right: f64::from(layout.width) - layout.right, top, bottom, x: &self.x, y: &self.y }
     }
 
-    fn draw<DB: DrawingBackend>(&self, pen: &Pen<'_, DB>) -> Drawn<DB> {
-        let lines: Vec<String> = self.caption.iter().flat_map(|line| wrap(line, 112)).collect();
-        let field = self.field(lines.len());
+    fn draw<DB: DrawingBackend>(
+        &self,
+        pen: &Pen<'_, DB>,
+        layout: &Layout,
+        field: &Field<'_>,
+        [title, caption]: [&[String]; 2],
+    ) -> Drawn<DB> {
         pen.area.fill(&WHITE)?;
         // A bold letter is about 0.62 of the font's size wide; a long title gets a smaller font.
-        let title_size = (728.0 / 0.62 / self.title.chars().count() as f64).clamp(10.0, 18.0);
-        pen.text((16.0, 28.0), &self.title, title_size, INK, HPos::Left, true)?;
-        pen.text((16.0, 58.0), &self.y.name, 13.5, MUTED, HPos::Left, false)?;
-        self.grid(pen, &field)?;
+        let longest = title.iter().map(|line| line.chars().count()).max().unwrap_or(0).max(1);
+        let room = f64::from(layout.width) - 2.0 * layout.margin;
+        let title_size = (room / 0.62 / longest as f64).clamp(10.0, layout.title_size);
+        for (i, line) in title.iter().enumerate() {
+            pen.text((layout.margin, 28.0 + 20.0 * i as f64), line, title_size, INK, HPos::Left, true)?;
+        }
+        pen.text((layout.margin, field.top - 18.0), &self.y.name, 13.5, MUTED, HPos::Left, false)?;
+        self.grid(pen, field)?;
         let reach = self.curves.iter().flat_map(|c| &c.points).map(|(x, _)| x.high).fold(0.0, f64::max);
         let styles = [[9.0, 5.0], [2.5, 4.0], [14.0, 4.0]];
         for (guide, dash) in self.guides.iter().zip(styles.iter().cycle()) {
@@ -175,10 +210,14 @@ impl Chart {
                 pen.marker(at(point), curve.style, color)?;
             }
         }
-        self.key(pen, &field, &styles)?;
-        for (i, line) in lines.iter().enumerate() {
-            let y = field.bottom + 64.0 + 16.0 * i as f64;
-            pen.text((16.0, y), line, 12.0, MUTED, HPos::Left, false)?;
+        let (corner, below) = match layout.key_below {
+            true => ((layout.margin, field.bottom + 50.0), self.key_size().2),
+            false => (self.free_corner(field).0, 0.0),
+        };
+        self.key(pen, corner, &styles)?;
+        for (i, line) in caption.iter().enumerate() {
+            let y = field.bottom + 64.0 + below + 16.0 * i as f64;
+            pen.text((layout.margin, y), line, layout.caption_size, MUTED, HPos::Left, false)?;
         }
         Ok(())
     }
@@ -241,9 +280,8 @@ impl Chart {
     }
 
     /// The legend: one line for each curve, then the guides.
-    fn key<DB: DrawingBackend>(&self, pen: &Pen<'_, DB>, f: &Field<'_>, dashes: &[[f64; 2]; 3]) -> Drawn<DB> {
+    fn key<DB: DrawingBackend>(&self, pen: &Pen<'_, DB>, (left, top): (f64, f64), dashes: &[[f64; 2]; 3]) -> Drawn<DB> {
         let (labels, width, height) = self.key_size();
-        let ((left, top), _) = self.free_corner(f);
         pen.area.draw(&Rectangle::new([px((left, top)), px((left + width, top + height))], WHITE.mix(0.9).filled()))?;
         pen.area.draw(&Rectangle::new([px((left, top)), px((left + width, top + height))], stroke(1.0, GRID)))?;
         for (i, label) in labels.iter().enumerate() {
@@ -262,133 +300,16 @@ impl Chart {
     }
 }
 
-/// The rectangle of the data, in CSS pixels.
-struct Field<'a> {
-    left: f64,
-    right: f64,
-    top: f64,
-    bottom: f64,
-    x: &'a Axis,
-    y: &'a Axis,
-}
-
-impl Field<'_> {
-    fn x(&self, value: f64) -> f64 {
-        self.left + (self.right - self.left) * self.x.position(value).clamp(0.0, 1.0)
-    }
-
-    fn y(&self, value: f64) -> f64 {
-        self.bottom - (self.bottom - self.top) * self.y.position(value).clamp(0.0, 1.0)
-    }
-
-    /// The part of a guide inside the field, ends in CSS pixels; it runs from its point to the right, up to `reach`.
-    fn clip(&self, guide: &Guide, reach: f64) -> Option<[(f64, f64); 2]> {
-        let (x0, y0) = (guide.through.0.log10(), guide.through.1.log10());
-        let x_of = |y: f64| x0 + (y - y0) / guide.slope;
-        let [x_low, x_high] = self.x.decades.map(f64::from);
-        let mut across = self.y.decades.map(|d| x_of(f64::from(d)));
-        across.sort_unstable_by(f64::total_cmp);
-        let ends = [x_low.max(across[0]).max(x0), x_high.min(across[1]).min(reach.log10())];
-        (ends[0] < ends[1])
-            .then(|| ends.map(|x| (self.x(10f64.powf(x)), self.y(10f64.powf(y0 + guide.slope * (x - x0))))))
-    }
-}
-
-/// A drawing at its CSS size, scaled by the view box, with the title that a screen reader says.
-///
-/// # Errors
-/// [`HarnessError::Plot`] when the drawing library begins its documents otherwise.
-pub(crate) fn finish_svg(svg: &str, css: (i32, i32), title: &str, name: &str) -> Result<String, HarnessError> {
-    let fine = format!("<svg width=\"{}\" height=\"{}\"", css.0 * FINE, css.1 * FINE);
-    let plain = format!("<svg role=\"img\" width=\"{}\" height=\"{}\"", css.0, css.1);
-    if !svg.starts_with(&fine) {
-        return Err(HarnessError::Plot { name: name.into(), problem: "unexpected start of the SVG document".into() });
-    }
-    let head = svg.find('>').map_or(svg.len(), |i| i + 1);
-    let title = format!("\n<title>{}</title>", crate::html::escape(title));
-    Ok(format!("{}{title}{}", svg[..head].replacen(&fine, &plain, 1), &svg[head..]))
-}
-
-/// What drawing gives.
-pub(crate) type Drawn<DB> = Result<(), DrawingAreaErrorKind<<DB as DrawingBackend>::ErrorType>>;
-
-/// Draws in CSS pixels.
-pub(crate) struct Pen<'a, DB: DrawingBackend> {
-    pub(crate) area: &'a DrawingArea<DB, plotters::coord::Shift>,
-}
-
-impl<DB: DrawingBackend> Pen<'_, DB> {
-    /// Text whose baseline starts, is centred or ends at a point.
-    pub(crate) fn text(
-        &self,
-        at: (f64, f64),
-        text: &str,
-        size: f64,
-        color: RGBColor,
-        h: HPos,
-        bold: bool,
-    ) -> Drawn<DB> {
-        let style = if bold { FontStyle::Bold } else { FontStyle::Normal };
-        let font = ("sans-serif", size * f64::from(FINE) * FONT, style).into_font();
-        let style = TextStyle::from(font).color(&color).pos(Pos::new(h, VPos::Bottom));
-        // plotters-svg lifts bottom-anchored text by 0.5 ex, about 0.26 of its size.
-        self.area.draw(&Text::new(text.to_owned(), px((at.0, at.1 + 0.26 * size)), style))
-    }
-
-    fn line(&self, points: &[(f64, f64)], width: f64, color: RGBColor) -> Drawn<DB> {
-        self.area.draw(&PathElement::new(points.iter().copied().map(px).collect::<Vec<_>>(), stroke(width, color)))
-    }
-
-    fn dashed(&self, a: (f64, f64), b: (f64, f64), [on, off]: [f64; 2], color: RGBColor) -> Drawn<DB> {
-        let length = (b.0 - a.0).hypot(b.1 - a.1);
-        let at = |t: f64| (a.0 + (b.0 - a.0) * t / length, a.1 + (b.1 - a.1) * t / length);
-        let mut from = 0.0;
-        while from < length {
-            self.line(&[at(from), at((from + on).min(length))], 1.6, color)?;
-            from += on + off;
-        }
-        Ok(())
-    }
-
-    /// An error bar with caps across `ends` at `across`; left out when it is shorter than the marker hides.
-    fn bar(&self, (across, ends): (f64, [f64; 2]), vertical: bool, color: RGBColor) -> Drawn<DB> {
-        if (ends[0] - ends[1]).abs() < 2.0 {
-            return Ok(());
-        }
-        let at = |a: f64, along: f64| if vertical { (a, along) } else { (along, a) };
-        self.line(&[at(across, ends[0]), at(across, ends[1])], 1.3, color)?;
-        for end in ends {
-            self.line(&[at(across - 3.5, end), at(across + 3.5, end)], 1.3, color)?;
-        }
-        Ok(())
-    }
-
-    /// One of six shapes, so that curves differ without colour as well.
-    fn marker(&self, (x, y): (f64, f64), shape: usize, color: RGBColor) -> Drawn<DB> {
-        let polygon = |corners: &[(f64, f64)]| {
-            let corners: Vec<_> = corners.iter().map(|(dx, dy)| px((x + dx, y + dy))).collect();
-            self.area.draw(&Polygon::new(corners, color.filled()))
-        };
-        match shape % 6 {
-            0 => self.area.draw(&Circle::new(px((x, y)), (4.0 * f64::from(FINE)) as i32, color.filled())),
-            1 => polygon(&[(-3.8, -3.8), (3.8, -3.8), (3.8, 3.8), (-3.8, 3.8)]),
-            2 => polygon(&[(0.0, -5.2), (4.8, 3.6), (-4.8, 3.6)]),
-            3 => polygon(&[(0.0, -5.4), (5.4, 0.0), (0.0, 5.4), (-5.4, 0.0)]),
-            4 => polygon(&[(0.0, 5.2), (4.8, -3.6), (-4.8, -3.6)]),
-            _ => {
-                self.line(&[(x - 4.0, y - 4.0), (x + 4.0, y + 4.0)], 2.2, color)?;
-                self.line(&[(x - 4.0, y + 4.0), (x + 4.0, y - 4.0)], 2.2, color)
-            }
-        }
-    }
-}
-
-pub(crate) fn px((x, y): (f64, f64)) -> (i32, i32) {
-    ((x * f64::from(FINE)).round() as i32, (y * f64::from(FINE)).round() as i32)
-}
-
-fn stroke(width: f64, color: RGBColor) -> ShapeStyle {
-    color.stroke_width((width * f64::from(FINE)).round() as u32)
+/// A drawing of plotters at its CSS size, scaled by the view box, with the title that a screen reader says and more elements
+/// at its end. `None` when plotters writes its documents otherwise.
+pub(crate) fn finish_svg(svg: &str, css: [i32; 2], title: &str, more: &str) -> Option<String> {
+    let [width, height] = css.map(|side| side * FINE);
+    let fine = format!("<svg width=\"{width}\" height=\"{height}\"");
+    let plain = format!("<svg role=\"img\" width=\"{}\" height=\"{}\"", css[0], css[1]);
+    let (head, end) = (svg.find('>')? + 1, svg.rfind("</svg>")?);
+    let opening = svg.starts_with(&fine).then(|| svg[..head].replacen(&fine, &plain, 1))?;
+    let title = crate::html::escape(title);
+    Some(format!("{opening}\n<title>{title}</title>{}{more}{}", &svg[head..end], &svg[end..]))
 }
 
 /// Breaks a line at spaces so that no part is longer than `most` characters, unless a single word is.
@@ -407,5 +328,4 @@ pub(crate) fn wrap(line: &str, most: usize) -> Vec<String> {
 }
 
 #[cfg(test)]
-#[path = "chart_tests.rs"]
 mod tests;

@@ -20,20 +20,49 @@ pub(crate) fn page(title: &str, blocks: &[Block], folder: &Path) -> String {
             Block::Plot(name, what) if present(name) => text.push_str(&format!("![{}]({name})\n", escape(what))),
             Block::Plot(..) => {}
             Block::Pictures(list) => {
-                let list: Vec<_> = list.iter().filter(|(name, _)| present(name)).collect();
-                let head: Vec<String> = list.iter().map(|(_, what)| what.clone()).collect();
-                let cells: Vec<String> =
-                    list.iter().map(|(name, what)| format!("![{}]({name})", escape(what))).collect();
-                text.push_str(&row(head.iter().map(|h| escape(h))));
-                text.push_str(&row(head.iter().map(|_| "---".to_owned())));
-                text.push_str(&row(cells.into_iter()));
+                let there: Vec<_> = list.iter().filter(|(name, _)| present(name)).collect();
+                let columns = there.iter().map(|(name, what)| (what.clone(), vec![(name.clone(), what.clone())]));
+                pictures(&mut text, &columns.collect::<Vec<_>>());
             }
-            Block::Files(list) => {
+            Block::Viewer(viewer) => {
+                let (name, what) = &viewer.truth;
+                if present(name) {
+                    text.push_str(&format!("![{}]({name})\n\n{}\n", escape(what), escape(what)));
+                }
+                for series in &viewer.series {
+                    let shots = series.shots.iter().filter(|s| present(&s.image) && present(&s.difference));
+                    let columns = shots.map(|s| {
+                        let pair = [
+                            (s.image.clone(), s.caption.clone()),
+                            (s.difference.clone(), format!("{}, difference", s.caption)),
+                        ];
+                        (s.caption.clone(), pair.to_vec())
+                    });
+                    let columns: Vec<_> = columns.collect();
+                    if !columns.is_empty() {
+                        text.push_str(&format!("\n### {}\n\n", escape(&series.label)));
+                        pictures(&mut text, &columns);
+                    }
+                }
+            }
+            Block::Downloads(list) | Block::Files(list) => {
                 list.iter().for_each(|(name, what)| text.push_str(&format!("- [{name}]({name}): {}\n", escape(what))));
             }
         }
     }
     text
+}
+
+/// A table with a picture, or one above another, below each caption; every column has equally many.
+fn pictures(text: &mut String, columns: &[(String, Vec<(String, String)>)]) {
+    if columns.is_empty() {
+        return;
+    }
+    text.push_str(&row(columns.iter().map(|(head, _)| escape(head))));
+    text.push_str(&row(columns.iter().map(|_| "---".to_owned())));
+    for i in 0..columns.iter().map(|(_, list)| list.len()).min().unwrap_or(0) {
+        text.push_str(&row(columns.iter().map(|(_, list)| format!("![{}]({})", escape(&list[i].1), list[i].0))));
+    }
 }
 
 fn table(text: &mut String, head: &[String], names: usize, rows: &[Vec<String>]) {

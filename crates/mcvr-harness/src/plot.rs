@@ -2,7 +2,8 @@
 
 use crate::chart::{Axis, Bar, Chart, Curve, Guide};
 use crate::fit::FLOOR_FACTOR;
-use crate::format::{percent, percent_tick, power_tick, seconds, seconds_tick};
+use crate::format::{percent, percent_tick, power_tick, samples, seconds, seconds_tick};
+use crate::report::{with_ends, with_error_of};
 use crate::{HarnessError, Row, RunSummary, Spread};
 
 /// A plot is drawn down to the floor if that is at most so many decades below the lowest point.
@@ -20,6 +21,10 @@ pub const TIME_VS_SAMPLES: &str = "time_vs_samples.svg";
 /// # Errors
 /// [`HarnessError::Plot`].
 pub fn error_vs_samples(run: &RunSummary) -> Result<Option<String>, HarnessError> {
+    error_vs_samples_chart(run).map(|c| c.svg()).transpose()
+}
+
+pub(crate) fn error_vs_samples_chart(run: &RunSummary) -> Option<Chart> {
     let curves = error_curves(run, |row| exact(row.samples as f64));
     let guides = error_guides(&curves);
     let x = "Samples M".to_owned();
@@ -31,6 +36,10 @@ pub fn error_vs_samples(run: &RunSummary) -> Result<Option<String>, HarnessError
 /// # Errors
 /// [`HarnessError::Plot`].
 pub fn error_vs_time(run: &RunSummary) -> Result<Option<String>, HarnessError> {
+    error_vs_time_chart(run).map(|c| c.svg()).transpose()
+}
+
+pub(crate) fn error_vs_time_chart(run: &RunSummary) -> Option<Chart> {
     let curves = error_curves(run, |row| ends(row.complete));
     let x = format!("Wall-clock time of a complete image, {}", threads(run));
     error_chart(run, ERROR_VS_TIME, "What accuracy costs in time", x, seconds_tick, curves, Vec::new())
@@ -41,12 +50,16 @@ pub fn error_vs_time(run: &RunSummary) -> Result<Option<String>, HarnessError> {
 /// # Errors
 /// [`HarnessError::Plot`].
 pub fn time_vs_samples(run: &RunSummary) -> Result<Option<String>, HarnessError> {
+    time_vs_samples_chart(run).map(|c| c.svg()).transpose()
+}
+
+pub(crate) fn time_vs_samples_chart(run: &RunSummary) -> Option<Chart> {
     let curves = curves(run, |row| Some((exact(row.samples as f64), ends(row.complete))));
     let points = || curves.iter().flat_map(|c| &c.points);
     let x = Axis::holding(points().map(|(x, _)| x.mid), "Samples M", power_tick);
     let y_name = format!("Wall-clock time of a complete image, {}", threads(run));
     let y = Axis::holding(points().flat_map(|(_, y)| [y.low, y.high]), &y_name, seconds_tick);
-    let Some((x, y)) = x.zip(y) else { return Ok(None) };
+    let (x, y) = x.zip(y)?;
     // Through the costliest of the last points, so that the guide runs above what it compares.
     let last = points().filter(|p| points().all(|q| q.0.mid <= p.0.mid)).max_by(|a, b| a.1.mid.total_cmp(&b.1.mid));
     let first = points().map(|p| p.0.mid).fold(f64::INFINITY, f64::min);
@@ -57,7 +70,7 @@ pub fn time_vs_samples(run: &RunSummary) -> Result<Option<String>, HarnessError>
     let mut caption = about(run);
     caption.push(format!("Points: medians; bars: fastest to slowest. {}", repetitions(run)));
     let title = format!("Time against samples: {}", run.meta.dataset);
-    Chart { name: TIME_VS_SAMPLES, title, caption, x, y, curves, guides, floor: None }.svg().map(Some)
+    Some(Chart { name: TIME_VS_SAMPLES, title, caption, x, y, curves, guides, floor: None })
 }
 
 fn error_chart(
@@ -68,7 +81,7 @@ fn error_chart(
     x_label: fn(f64) -> String,
     curves: Vec<Curve>,
     guides: Vec<Guide>,
-) -> Result<Option<String>, HarnessError> {
+) -> Option<Chart> {
     let floor = FLOOR_FACTOR * run.truth.rel_error_estimate;
     let points = || curves.iter().flat_map(|c| &c.points);
     let lowest = points().map(|(_, y)| y.low).fold(f64::INFINITY, f64::min);
@@ -76,7 +89,7 @@ fn error_chart(
     let y_values = points().flat_map(|(_, y)| [y.low, y.high]).chain(shown.then_some(floor));
     let x = Axis::holding(points().flat_map(|(x, _)| [x.low, x.high]), &x_name, x_label);
     let y = Axis::holding(y_values, "RMSE over the mean pixel", percent_tick);
-    let Some((x, y)) = x.zip(y) else { return Ok(None) };
+    let (x, y) = x.zip(y)?;
     let mut caption = about(run);
     let truth = &run.truth;
     caption.push(format!(
@@ -89,7 +102,7 @@ fn error_chart(
     ));
     let floor = shown.then(|| (floor, format!("{FLOOR_FACTOR} × the truth's own error")));
     let title = format!("{what}: {}", run.meta.dataset);
-    Chart { name, title, caption, x, y, curves, guides, floor }.svg().map(Some)
+    Some(Chart { name, title, caption, x, y, curves, guides, floor })
 }
 
 /// One curve for each method that has points, in the methods' colours.
@@ -97,9 +110,22 @@ fn curves(run: &RunSummary, point: impl Fn(&Row) -> Option<(Bar, Bar)>) -> Vec<C
     let of = |(style, method): (usize, &crate::MethodSummary)| {
         let rows = run.rows.iter().filter(|r| r.method == method.name && !r.series_only);
         let unit = if method.budget_unit == "samples" { String::new() } else { format!(" ({})", method.budget_unit) };
-        Curve { label: format!("{}{unit}", method.label), style, points: rows.filter_map(&point).collect() }
+        let label = format!("{}{unit}", method.label);
+        let (points, hover) = rows.filter_map(|row| Some((point(row)?, words(&label, row)))).unzip();
+        Curve { label, style, points, hover }
     };
     run.methods.iter().enumerate().map(of).filter(|c| !c.points.is_empty()).collect()
+}
+
+/// What a reader sees at a point: the figures of the tables.
+fn words(label: &str, row: &Row) -> String {
+    let replicates = if row.replicates == 1 { "1 replicate".into() } else { format!("{} replicates", row.replicates) };
+    format!(
+        "{label}\nM = {}\nError {}\nTime {}\n{replicates}",
+        samples(row.samples),
+        with_error_of(row),
+        with_ends(row.complete)
+    )
 }
 
 /// Error curves without the points that the truth's own error may touch.

@@ -277,9 +277,11 @@ fn the_page_stands_alone_and_holds_tables_plots_and_images() {
     let run = go(&[&Noisy::new("mc", (9.0, -0.5)), &Noisy::new("qmc", (9.0, -0.6))], &options).unwrap();
     let page = std::fs::read_to_string(options.out.join("report.html")).unwrap();
     assert!(!page.contains("http://") && !page.contains("https://"), "nothing from outside");
-    assert!(!page.contains("<script") && !page.contains("@import") && !page.contains("url("));
+    assert!(!page.contains("<script ") && !page.contains("@import") && !page.contains("url("));
+    assert_eq!(page.matches("<script>").count(), 1);
     assert_eq!(page.matches("<table").count(), 4);
-    assert_eq!(page.matches("<svg").count(), 3);
+    assert_eq!(page.matches("<svg").count(), 6, "three plots, each for a desk and for a phone");
+    assert_eq!(page.matches(" download=").count(), 2);
     assert_eq!(page.matches("src=\"data:image/png;base64,").count(), 1 + 2 * 2 * 2);
     assert_eq!(page.matches("src=").count(), 9);
     for part in ["blob &amp; &lt;co&gt;", "1.192 s", "prefers-color-scheme: dark", "abc1234", "a test", "Rendering"] {

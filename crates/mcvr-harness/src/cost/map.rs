@@ -3,13 +3,15 @@
 use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
 
-use super::plots::{Plot, about, threads};
+use super::plots::{Drawing, Plot, about, threads};
 use super::reach::By;
 use super::summary::{CostSummary, MethodInfo, SubjectInfo};
 use super::tables::target_words;
 use crate::HarnessError;
-use crate::chart::{Drawn, FINE, INK, MUTED, PALETTE, Pen, finish_svg, px, wrap};
+use crate::chart::pen::{Drawn, FINE, Pen, px};
+use crate::chart::{FAINT, INK, MUTED, PALETTE, finish_svg, wrap};
 use crate::format::seconds;
+use crate::html::escape;
 
 /// Which time the map shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,9 +74,45 @@ pub(crate) fn crossover_map(run: &CostSummary, lane: usize, clock: Clock) -> Res
         draw(&pen, run, lane, clock, &subjects, &title, &caption).map_err(|e| fail(e.to_string()))?;
         area.present().map_err(|e| fail(e.to_string()))?;
     }
-    let svg = finish_svg(&svg, (WIDTH as i32, height as i32), &title, "crossover map")?;
+    let hits = targets(run, lane, clock, &subjects);
+    let svg = finish_svg(&svg, [WIDTH as i32, height as i32], &title, &hits).ok_or_else(|| HarnessError::Plot {
+        name: "crossover map".into(),
+        problem: "unexpected SVG document".into(),
+    })?;
     let name = format!("crossover_map-{}-{lane}.svg", clock.slug());
-    Ok(Some(Plot { name, svg, what: format!("{title}.") }))
+    Ok(Some(Plot { name, drawing: Drawing::Svg(svg), what: format!("{title}.") }))
+}
+
+/// Invisible targets over the cells, whose titles a browser shows and a screen reader says.
+fn targets(run: &CostSummary, lane: usize, clock: Clock, subjects: &[&SubjectInfo]) -> String {
+    let mut text = String::new();
+    for (r, &target) in run.targets.iter().enumerate() {
+        text.push_str(&format!("<g class=\"hits\" aria-label=\"{}\">\n", target_words(target)));
+        for (c, subject) in subjects.iter().enumerate() {
+            let Some((method, time)) = quickest(run, lane, clock, subject, target) else { continue };
+            let [[left, top], [right, bottom]] = cell_corners(r, c, subjects.len());
+            let ((x, y), (x2, y2)) = (px((left, top)), px((right, bottom)));
+            text.push_str(&format!(
+                "<rect class=\"hit\" x=\"{x}\" y=\"{y}\" width=\"{}\" height=\"{}\" fill=\"none\" pointer-events=\"all\"><title>{}\n\
+                 {} error\n{}: {}</title></rect>\n",
+                x2 - x,
+                y2 - y,
+                escape(&subject.dataset),
+                target_words(target),
+                escape(&method.label),
+                seconds(time)
+            ));
+        }
+        text.push_str("</g>\n");
+    }
+    text
+}
+
+/// Top left and bottom right of a cell, a pixel within its share.
+fn cell_corners(row: usize, column: usize, columns: usize) -> [[f64; 2]; 2] {
+    let width = (WIDTH - LEFT - 22.0) / columns as f64;
+    let (left, top) = (LEFT + width * column as f64, TOP + ROW * row as f64);
+    [[left + 1.0, top + 1.0], [left + width - 1.0, top + ROW - 1.0]]
 }
 
 fn draw<DB: DrawingBackend>(
@@ -101,15 +139,14 @@ fn draw<DB: DrawingBackend>(
         let top = TOP + ROW * r as f64;
         pen.text((LEFT - 10.0, top + ROW / 2.0 + 4.5), &target_words(target), 13.0, INK, HPos::Right, false)?;
         for (c, subject) in subjects.iter().enumerate() {
-            let left = LEFT + column * c as f64;
-            let corners = [px((left + 1.0, top + 1.0)), px((left + column - 1.0, top + ROW - 1.0))];
+            let corners = cell_corners(r, c, subjects.len()).map(|[x, y]| px((x, y)));
             let Some((method, time)) = quickest(run, lane, clock, subject, target) else {
-                pen.area.draw(&Rectangle::new(corners, RGBColor(241, 243, 245).filled()))?;
+                pen.area.draw(&Rectangle::new(corners, FAINT.filled()))?;
                 continue;
             };
             let style = run.methods.iter().position(|m| m.name == method.name).unwrap_or(0);
             pen.area.draw(&Rectangle::new(corners, PALETTE[style % PALETTE.len()].mix(0.3).filled()))?;
-            let middle = left + column / 2.0;
+            let middle = LEFT + column * (c as f64 + 0.5);
             let label = short(&method.label);
             let font = (column * 0.92 / 0.55 / label.chars().count() as f64).clamp(7.0, 13.0);
             pen.text((middle, top + 25.0), label, font, INK, HPos::Center, true)?;

@@ -11,6 +11,9 @@ use crate::images::Pictures;
 use crate::record::{RecordLog, Setting, write_csv};
 use crate::{Comparison, HarnessError, Record, RecordKey, Rendered, RunWatch, Truth, TruthSummary, folder};
 
+/// Images of fewer samples are noise to the eye.
+const FEWEST_PICTURED: u64 = 1 << 14;
+
 /// A run in its folder: what was measured so far.
 #[derive(Debug)]
 pub struct CostRun {
@@ -82,7 +85,7 @@ impl CostRun {
                     }
                     done += 1;
                     let key = self.key(subject, entrant, budget, repeat);
-                    let pictured = repeat == 0 && self.pictured(subject, entrant);
+                    let pictured = repeat == 0 && self.pictured(subject, entrant, budget);
                     let there = !pictured
                         || self.pictures_of(subject).is_some_and(|p| p.present(entrant.method.name(), budget));
                     if known.contains(&(key.clone(), entrant.threads, repeat)) && there {
@@ -238,16 +241,19 @@ impl CostRun {
         Some(Pictures::new(&self.options.out, &truth.image))
     }
 
-    /// Pictures are kept of what is plotted, once and not for every number of threads.
-    fn pictured(&self, subject: &Subject<'_>, entrant: &Entrant<'_>) -> bool {
-        subject.pictures && entrant.plotted && Some(&entrant.threads) == self.options.meta.threads.last()
+    /// Pictures are kept of what is plotted, once and not for every number of threads, and not of a handful of samples.
+    fn pictured(&self, subject: &Subject<'_>, entrant: &Entrant<'_>, budget: u64) -> bool {
+        let last = Some(&entrant.threads) == self.options.meta.threads.last();
+        let sampler = entrant.method.expected_slope().is_some();
+        subject.pictures && entrant.plotted && last && (!sampler || budget >= FEWEST_PICTURED)
     }
 
     fn show_pictures(&mut self, subject: &Subject<'_>) {
         let Some(pictures) = self.pictures_of(subject) else { return };
         let mut shown = Vec::new();
-        for entrant in subject.entrants.iter().filter(|e| self.pictured(subject, e)) {
-            for &budget in entrant.ladder.iter().filter(|&&m| pictures.present(entrant.method.name(), m)) {
+        for entrant in subject.entrants {
+            let kept = |m: u64| self.pictured(subject, entrant, m) && pictures.present(entrant.method.name(), m);
+            for &budget in entrant.ladder.iter().filter(|&&m| kept(m)) {
                 let key = self.key(subject, entrant, budget, 0);
                 let Some(record) = self.records.iter().find(|r| r.threads == entrant.threads && r.key() == key) else {
                     continue;

@@ -1,7 +1,8 @@
 //! Everything that is drawn from a summary.
 
-use super::plots::{self, Plot};
+use super::plots::{self, Drawing, Plot};
 use super::{CostSummary, map, report};
+use crate::output::write_plot;
 use crate::record::write_file;
 use crate::{HarnessError, html, markdown};
 
@@ -12,7 +13,10 @@ pub(crate) fn write_all(summary: &CostSummary) -> Result<(), HarnessError> {
     write_file(&path, &text)?;
     let plots = draw(summary)?;
     for plot in &plots {
-        write_file(&summary.folder.join(&plot.name), plot.svg.as_bytes())?;
+        match &plot.drawing {
+            Drawing::Chart(chart) => write_plot(&summary.folder, &plot.name, Some(chart))?,
+            Drawing::Svg(svg) => write_file(&summary.folder.join(&plot.name), svg.as_bytes())?,
+        }
     }
     let blocks = report::blocks(summary, &plots);
     let title = report::title(summary);
@@ -31,12 +35,12 @@ fn draw(summary: &CostSummary) -> Result<Vec<Plot>, HarnessError> {
     }
     for (subject, _) in summary.judged() {
         for &lane in &lanes {
-            plots.extend(plots::error_vs_time(summary, subject, lane)?);
+            plots.extend(plots::error_vs_time(summary, subject, lane));
         }
     }
     if let Some(&lane) = lanes.first() {
         for &target in &summary.targets {
-            plots.extend(plots::time_vs_voxels(summary, lane, target)?);
+            plots.extend(plots::time_vs_voxels(summary, lane, target));
         }
     }
     Ok(plots)

@@ -2,21 +2,27 @@
 
 use super::points::Point;
 use super::reach::By;
-use super::summary::{CostSummary, SubjectInfo, floor};
-use super::tables::target_words;
+use super::summary::{CostSummary, MethodInfo, SubjectInfo, floor};
+use super::tables::{budget_words, target_words};
+use crate::Spread;
 use crate::chart::{Axis, Bar, Chart, Curve};
 use crate::fit::FLOOR_FACTOR;
-use crate::format::{grouped, percent, percent_tick, power_tick, seconds, seconds_tick};
-use crate::{HarnessError, Spread};
+use crate::format::{grouped, percent, percent_tick, power_tick, seconds, seconds_tick, with_error};
 
 /// A plot is drawn down to the floor if that is at most so many decades below the lowest point.
 const FLOOR_REACH: f64 = 1.0;
 
-/// A plot's file name, its SVG and what it shows.
+/// A plot's file name, the drawing and what it shows.
 pub(crate) struct Plot {
     pub(crate) name: String,
-    pub(crate) svg: String,
+    pub(crate) drawing: Drawing,
     pub(crate) what: String,
+}
+
+/// What is drawn: a chart, which has a narrow form for phones, or a finished document.
+pub(crate) enum Drawing {
+    Chart(Box<Chart>),
+    Svg(String),
 }
 
 /// A number of threads in words.
@@ -44,12 +50,8 @@ pub(crate) fn error_vs_time_name(run: &CostSummary, subject: &SubjectInfo, lane:
 }
 
 /// Relative RMSE against the time of a complete image. `None` when there is nothing to draw.
-pub(crate) fn error_vs_time(
-    run: &CostSummary,
-    subject: &SubjectInfo,
-    lane: usize,
-) -> Result<Option<Plot>, HarnessError> {
-    let Some(truth) = &subject.truth else { return Ok(None) };
+pub(crate) fn error_vs_time(run: &CostSummary, subject: &SubjectInfo, lane: usize) -> Option<Plot> {
+    let truth = subject.truth.as_ref()?;
     let floor = floor(truth.rel_error_estimate);
     let plotted = run.methods.iter().filter(|m| m.plotted).enumerate();
     let curves: Vec<Curve> = plotted
@@ -60,8 +62,13 @@ pub(crate) fn error_vs_time(
                 let y = Bar { low: (error - spread).max(floor), mid: error, high: error + spread };
                 Some((ends(p.complete), y))
             };
-            let points = run.points_of(subject, lane, &method.name).filter_map(point).collect();
-            Curve { label: method.label.clone(), style, points }
+            let shown = || run.points_of(subject, lane, &method.name).filter(|p| point(p).is_some());
+            Curve {
+                label: method.label.clone(),
+                style,
+                points: shown().filter_map(point).collect(),
+                hover: shown().map(|p| words(method, p)).collect(),
+            }
         })
         .filter(|c| !c.points.is_empty())
         .collect();
@@ -72,7 +79,7 @@ pub(crate) fn error_vs_time(
     let x = Axis::holding(all().flat_map(|(x, _)| [x.low, x.high]), &x_name, seconds_tick);
     let y_values = all().flat_map(|(_, y)| [y.low, y.high]).chain(shown.then_some(floor));
     let y = Axis::holding(y_values, "RMSE over the mean pixel", percent_tick);
-    let Some((x, y)) = x.zip(y) else { return Ok(None) };
+    let (x, y) = x.zip(y)?;
     let mut caption = about(run, &subject.dataset, lane);
     caption.push(format!(
         "Points: root mean square error and median time of {} repeats; bars: standard error, fastest to slowest. Truth: ray \
@@ -93,13 +100,24 @@ pub(crate) fn error_vs_time(
         floor: shown.then(|| (floor, format!("{FLOOR_FACTOR} × the truth's own error"))),
     };
     let what = format!("Error against time, {}, {}. Lower left is better.", subject.dataset, threads(lane));
-    Ok(Some(Plot { name: error_vs_time_name(run, subject, lane), svg: chart.svg()?, what }))
+    Some(Plot { name: error_vs_time_name(run, subject, lane), drawing: Drawing::Chart(Box::new(chart)), what })
+}
+
+/// What a reader sees at a point: the words of the tables.
+fn words(method: &MethodInfo, p: &Point) -> String {
+    let error = match (p.error, p.error_se) {
+        (Some(e), Some(se)) => format!("{} %", with_error(100.0 * e, 100.0 * se)),
+        (Some(e), None) => percent(e),
+        _ => "not judged".to_owned(),
+    };
+    let time = crate::report::with_ends(p.complete);
+    format!("{}\n{}\nerror {error}\ntime {time}", method.label, budget_words(method, p.budget as f64))
 }
 
 /// Time of one image to an error against the number of voxels; `None` with fewer than two volumes.
-pub(crate) fn time_vs_voxels(run: &CostSummary, lane: usize, target: f64) -> Result<Option<Plot>, HarnessError> {
+pub(crate) fn time_vs_voxels(run: &CostSummary, lane: usize, target: f64) -> Option<Plot> {
     if run.judged().count() < 2 {
-        return Ok(None);
+        return None;
     }
     let plotted = run.methods.iter().filter(|m| m.plotted).enumerate();
     let curves: Vec<Curve> = plotted
@@ -118,7 +136,10 @@ pub(crate) fn time_vs_voxels(run: &CostSummary, lane: usize, target: f64) -> Res
                 })
                 .collect();
             points.sort_by(|a, b| a.0.mid.total_cmp(&b.0.mid));
-            Curve { label: method.label.clone(), style, points }
+            let hover = points
+                .iter()
+                .map(|(x, y)| format!("{}\n{} voxels\n{}", method.label, grouped(x.mid as u64), seconds(y.mid)));
+            Curve { label: method.label.clone(), style, hover: hover.collect(), points }
         })
         .filter(|c| !c.points.is_empty())
         .collect();
@@ -126,7 +147,7 @@ pub(crate) fn time_vs_voxels(run: &CostSummary, lane: usize, target: f64) -> Res
     let x = Axis::holding(all().map(|(x, _)| x.mid), "Voxels", power_tick);
     let y_name = format!("Wall-clock time of a complete image at {} error, {}", target_words(target), threads(lane));
     let y = Axis::holding(all().map(|(_, y)| y.mid), &y_name, seconds_tick);
-    let Some((x, y)) = x.zip(y) else { return Ok(None) };
+    let (x, y) = x.zip(y)?;
     let sizes: Vec<String> = run.judged().map(|(s, _)| grouped(s.voxels)).collect();
     let mut caption = about(run, &run.meta.title, lane);
     caption.push(format!("Medians of {} repeats; {} voxels.", run.repeats, sizes.join(", ")));
@@ -142,7 +163,7 @@ pub(crate) fn time_vs_voxels(run: &CostSummary, lane: usize, target: f64) -> Res
     };
     let name = format!("time_vs_voxels-{}.svg", target_slug(target));
     let what = format!("Time of a complete image at {} error against the number of voxels.", target_words(target));
-    Ok(Some(Plot { name, svg: chart.svg()?, what }))
+    Some(Plot { name, drawing: Drawing::Chart(Box::new(chart)), what })
 }
 
 /// What was measured, where: the first lines of every caption.

@@ -1,11 +1,12 @@
 //! What a cost report says, as blocks.
 
 use super::plots::{Plot, threads};
-use super::summary::{ANY, CostSummary, ReachRow, SubjectInfo};
+use super::summary::{ANY, CostSummary, MethodInfo, ReachRow, SubjectInfo};
 use super::tables::{self, label, target_words};
+use crate::SeriesImage;
 use crate::fit::FLOOR_FACTOR;
 use crate::format::{percent, seconds};
-use crate::report::Block;
+use crate::report::{Block, Series, Shot, Viewer};
 
 /// Title of the report.
 pub(crate) fn title(run: &CostSummary) -> String {
@@ -103,6 +104,9 @@ pub(crate) fn blocks(run: &CostSummary, plots: &[Plot]) -> Vec<Block> {
     let plot = |name: &str| plots.iter().find(|p| p.name == name).map(|p| Block::Plot(p.name.clone(), p.what.clone()));
     if several {
         blocks.extend(plot(&format!("crossover_map-image-{lane}.svg")));
+        // The middle of the errors that were asked for stands for them all; the others follow volume by volume.
+        let target = run.targets[run.targets.len() / 2];
+        blocks.push(tables::time_by_volume(run, lane, target));
         blocks.push(Block::Text(how_to_read(run)));
         sizes(run, lane, &plot, &mut blocks);
     }
@@ -214,23 +218,27 @@ fn pictures(run: &CostSummary, blocks: &mut Vec<Block>) {
     blocks.push(Block::Heading("Images".into()));
     blocks.push(Block::Text(format!(
         "All images under the truth's tones (0th to 99.9th percentile). Differences are image minus truth: red too bright, blue too dark, \
-         full colour at ±{}, twice the truth's mean pixel.",
+         white the same; full colour at ±{}, twice the truth's mean pixel, in steps of 1/127 of that.",
         crate::format::significant(run.pictures.1, 3)
     )));
-    blocks.push(Block::Pictures(vec![("truth.png".into(), "Truth, ray cast".into())]));
-    for method in &run.methods {
-        let mine: Vec<_> = run.pictures.0.iter().filter(|s| s.method == method.name).collect();
-        if mine.is_empty() {
-            continue;
+    let shot = |method: &MethodInfo, s: &SeriesImage| {
+        let error = s.rel_rmse.map_or(String::new(), |e| format!(", error {}", percent(e)));
+        Shot {
+            setting: s.samples,
+            caption: format!("{}{error}, {}", tables::budget_words(method, s.samples as f64), seconds(s.complete)),
+            image: s.image.clone(),
+            difference: s.difference.clone(),
         }
-        blocks.push(Block::Subheading(method.label.clone()));
-        let caption = |s: &crate::SeriesImage, what: &str| {
-            let error = s.rel_rmse.map_or(String::new(), |e| format!(", error {}", percent(e)));
-            format!("{}{error}{what}", tables::budget_words(method, s.samples as f64))
-        };
-        blocks.push(Block::Pictures(mine.iter().map(|s| (s.image.clone(), caption(s, ""))).collect()));
-        blocks.push(Block::Pictures(mine.iter().map(|s| (s.difference.clone(), caption(s, ", difference"))).collect()));
-    }
+    };
+    let series = run.methods.iter().map(|method| {
+        let mine = run.pictures.0.iter().filter(|s| s.method == method.name);
+        Series { label: method.label.clone(), shots: mine.map(|s| shot(method, s)).collect() }
+    });
+    blocks.push(Block::Viewer(Viewer {
+        truth: ("truth.png".into(), "Truth, ray cast".into()),
+        setting: "Budget".into(),
+        series: series.filter(|s| !s.shots.is_empty()).collect(),
+    }));
 }
 
 fn measured(run: &CostSummary, blocks: &mut Vec<Block>) {
@@ -281,13 +289,17 @@ fn measured(run: &CostSummary, blocks: &mut Vec<Block>) {
         blocks.push(Block::Text(text));
     }
     blocks.push(Block::Code(m.command.clone()));
-    blocks.push(Block::Heading("Files".into()));
-    let files = [
+    let present = |files: &[(&str, &str)]| -> Vec<(String, String)> {
+        let there = files.iter().filter(|(name, _)| run.folder.join(name).exists());
+        there.map(|&(n, w)| (n.to_owned(), w.to_owned())).collect()
+    };
+    blocks.push(Block::Heading("Data".into()));
+    blocks.push(Block::Downloads(present(&[
         ("records.csv", "every measured image, one row each; units in the column names"),
-        ("records.jsonl", "the same, appended while measuring, with a hash of each image"),
         ("summary.json", "everything that this page shows"),
+    ])));
+    blocks.push(Block::Files(present(&[
+        ("records.jsonl", "the records as they were appended while measuring, with a hash of each image"),
         ("run.json", "what this folder measures"),
-    ];
-    let present = files.into_iter().filter(|(name, _)| run.folder.join(name).exists());
-    blocks.push(Block::Files(present.map(|(n, w)| (n.to_owned(), w.to_owned())).collect()));
+    ])));
 }

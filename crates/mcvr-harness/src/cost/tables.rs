@@ -88,6 +88,25 @@ pub(crate) fn time_to_error_of(run: &RunSummary) -> Option<Block> {
     columns.iter().flatten().any(|(reach, _)| reach.is_some()).then(|| times(&TARGETS, rows))
 }
 
+/// Time of one image to one error, volume by volume.
+pub(crate) fn time_by_volume(run: &CostSummary, lane: usize, target: f64) -> Block {
+    let row = |m: &MethodInfo| {
+        let cells = run.judged().map(|(subject, _)| {
+            let row = rows_of(run, subject, lane, &m.name).find(|r| r.target == target);
+            row.map_or(dash(), |row| cell(row.reach, row.fastest[0]))
+        });
+        std::iter::once(m.label.clone()).chain(cells).collect()
+    };
+    Block::Table {
+        head: head(
+            &[&format!("Time of one image to {} error", target_words(target))],
+            run.judged().map(|(s, _)| s.dataset.clone()),
+        ),
+        names: 1,
+        rows: run.methods.iter().map(row).collect(),
+    }
+}
+
 fn times(targets: &[f64], rows: Vec<Vec<String>>) -> Block {
     let head = head(&["Time of one image to an error of"], targets.iter().map(|&t| target_words(t)));
     Block::Table { head, names: 1, rows }

@@ -1,4 +1,4 @@
-//! Claims about charts; in a file of their own to keep that of the chart short.
+//! Claims about charts.
 
 use super::*;
 use crate::format::{percent_tick, power_tick};
@@ -11,7 +11,8 @@ fn chart(methods: usize, counts: &[f64], spread: f64) -> Chart {
     let curve = |i: usize| {
         let error = |m: f64| (1.0 + 0.4 * i as f64).recip() * 20.0 / m.sqrt();
         let points = counts.iter().map(|&m| (bar(m, 1.0), bar(error(m), spread))).collect();
-        Curve { label: format!("Method number {i} of several"), style: i, points }
+        let hover = counts.iter().map(|m| format!("method {i}\nM = {m}, \"<{i}>\"")).collect();
+        Curve { label: format!("Method number {i} of several"), style: i, points, hover }
     };
     let curves: Vec<Curve> = (0..methods).map(curve).collect();
     let points = || curves.iter().flat_map(|c| &c.points);
@@ -78,7 +79,7 @@ fn a_chart_is_one_svg_element_with_all_its_words() {
 fn the_legend_moves_to_the_corner_that_is_free() {
     let mut chart = chart(1, &[1e3, 1e4, 1e5], 1.0);
     let corner = |chart: &Chart| {
-        let f = chart.field(0);
+        let f = chart.field(&Layout::WIDE, 1, 0);
         let ((x, y), hidden) = chart.free_corner(&f);
         assert_eq!(hidden, 0);
         (x > (f.left + f.right) / 2.0, y > (f.top + f.bottom) / 2.0)
@@ -92,9 +93,9 @@ fn the_legend_moves_to_the_corner_that_is_free() {
 #[test]
 fn a_legend_that_fits_nowhere_gets_a_decade_of_its_own() {
     let crowded = chart(7, &[1e3, 1e4, 1e5], 1.3);
-    assert!(crowded.free_corner(&crowded.field(0)).1 > 0);
+    assert!(crowded.free_corner(&crowded.field(&Layout::WIDE, 1, 0)).1 > 0);
     let roomy = crowded.with_room();
-    assert_eq!(roomy.free_corner(&roomy.field(0)).1, 0);
+    assert_eq!(roomy.free_corner(&roomy.field(&Layout::WIDE, 1, 0)).1, 0);
     assert_eq!(roomy.y.decades, [crowded.y.decades[0], crowded.y.decades[1] + 1]);
 }
 
@@ -110,4 +111,43 @@ fn guides_stay_inside_the_field() {
             }
         }
     }
+}
+
+#[test]
+fn every_point_with_words_can_be_hit_and_says_them() {
+    let mut chart = chart(3, &[1e3, 1e4], 1.0);
+    chart.curves[1].hover.truncate(1);
+    chart.curves[2].hover.clear();
+    for svg in [chart.svg().unwrap(), chart.narrow_svg().unwrap()] {
+        let hits: Vec<&str> = svg.split("<circle class=\"hit\"").skip(1).collect();
+        assert_eq!(hits.len(), 3);
+        assert!(hits[0].contains("<title>method 0\nM = 1000, &quot;&lt;0&gt;&quot;</title>"), "{}", hits[0]);
+        assert!(svg.matches("aria-label=\"Method number").count() == 2 && svg.trim_end().ends_with("</g>\n</svg>"));
+    }
+    chart.curves.iter_mut().for_each(|c| c.hover.clear());
+    assert!(!chart.svg().unwrap().contains("hit"), "a chart without words is as before");
+}
+
+#[test]
+fn a_target_lies_on_its_point() {
+    let chart = chart(1, &[1e3, 1e5], 1.0);
+    let svg = chart.svg().unwrap();
+    let number = |text: &str, name: &str| -> i32 {
+        text.split(&format!("{name}=\"")).nth(1).and_then(|t| t.split('"').next()).unwrap().parse().unwrap()
+    };
+    let at = |text: &str| (number(text, "cx"), number(text, "cy"));
+    let hits: Vec<_> = svg.split("<circle class=\"hit\"").skip(1).map(at).collect();
+    // Markers of the first style are circles as well; the last is that of the legend.
+    let markers: Vec<_> = svg.split("<circle cx").skip(1).map(|t| at(&format!("cx{t}"))).collect();
+    assert_eq!(hits[..], markers[..2]);
+}
+
+#[test]
+fn a_narrow_chart_keeps_all_words_within_its_width() {
+    let svg = chart(3, &[1e3, 1e5], 1.3).narrow_svg().unwrap();
+    assert!(svg.starts_with("<svg role=\"img\" width=\"360\""), "{}", &svg[..80]);
+    let words = texts(&svg);
+    assert!(words.contains(&"Method number 2 of several") && words.contains(&"slope −1/2"));
+    assert!(words.iter().all(|w| w.chars().count() <= 56), "{words:?}");
+    assert_eq!(words.iter().flat_map(|w| w.split(' ')).filter(|w| *w == "word").count(), 60);
 }

@@ -1,7 +1,5 @@
-//! A whole run with methods that only pretend: the truth plus noise of a known law. It shows what the folder of a run
-//! holds without any renderer.
-//!
-//! `cargo run --release -p mcvr-harness --example mock_report -- FOLDER`
+//! Methods that only pretend: the truth plus noise of a known law. A whole run of them takes a second and needs no
+//! renderer.
 
 use std::error::Error;
 use std::path::PathBuf;
@@ -9,8 +7,8 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use mcvr_harness::{
-    ConvergeOptions, Method, MethodError, PhaseSeconds, Rendered, RunMeta, RunWatch, Truth, converge, converge::SERIES,
-    git_commit, key_lines, machine,
+    ConvergeOptions, Method, MethodError, PhaseSeconds, Rendered, RunMeta, RunSummary, RunWatch, Truth, converge,
+    git_commit, machine,
 };
 use mcvr_scene::{Estimand, Extent, Image, Kernel};
 use rand_distr::{Distribution, Normal};
@@ -52,11 +50,20 @@ impl Method for Noisy<'_> {
     }
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let out: PathBuf = std::env::args_os().nth(1).ok_or("usage: mock_report FOLDER")?.into();
-    let extent = Extent::new(200, 160)?;
+/// How much to pretend.
+pub struct Size {
+    pub extent: Extent,
+    pub samples: Vec<u64>,
+    pub series: Vec<u64>,
+    pub replicates: u32,
+}
+
+/// Measures four pretended methods into the folder `out`.
+pub fn run(size: Size, out: PathBuf, progress: &dyn Fn(u64, u64, &str)) -> Result<RunSummary, Box<dyn Error>> {
+    let extent = size.extent;
+    let (width, height) = (extent.width, extent.height);
     let blob = |x: f64, y: f64| (-8.0 * ((x - 0.5).powi(2) + (y - 0.45).powi(2))).exp();
-    let at = |i: usize| blob((i % 200) as f64 / 200.0, (i / 200) as f64 / 160.0);
+    let at = |i: usize| blob((i % width) as f64 / width as f64, (i / width) as f64 / height as f64);
     let truth = Image::from_values(extent, (0..extent.pixels()).map(at).collect())?;
     let noisy =
         |name, label, slope, error, ns_per_sample| Noisy { name, label, slope, truth: &truth, error, ns_per_sample };
@@ -80,10 +87,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     ];
     let methods: Vec<&dyn Method> = all.iter().map(|m| m as &dyn Method).collect();
     let options = ConvergeOptions {
-        samples: (12..=24).step_by(2).map(|m| 1 << m).collect(),
-        replicates: 8,
+        samples: size.samples,
+        replicates: size.replicates,
         seed: 1,
-        series: SERIES.to_vec(),
+        series: size.series,
         out,
         meta: RunMeta {
             dataset: "made-up blob".into(),
@@ -99,11 +106,5 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let truth = Truth { image: truth.clone(), rel_error_estimate: 5e-4, seconds: 12.3 };
     let cancel = AtomicBool::new(false);
-    let progress = |done: u64, total: u64, message: &str| {
-        eprint!("\r{:3.0} % {message:60}", 100.0 * done as f64 / total.max(1) as f64);
-    };
-    let summary = converge(&methods, &truth, &options, RunWatch { cancel: &cancel, progress: &progress })?;
-    eprintln!();
-    key_lines(&summary).iter().for_each(|line| println!("{line}"));
-    Ok(())
+    Ok(converge(&methods, &truth, &options, RunWatch { cancel: &cancel, progress })?)
 }

@@ -87,7 +87,7 @@ fn list(value: &Value) -> &[Value] {
 fn holds(layout: &Value, run: &RunSummary) {
     assert_eq!(layout["scrollWidth"], layout["clientWidth"], "the page scrolls sideways");
     assert_eq!(layout["tooWide"], serde_json::json!([]), "beyond the edge");
-    assert_eq!(layout["tables"], 4);
+    assert_eq!(layout["tables"], 5);
     assert_eq!(layout["unscoped"], 0);
     assert_eq!(list(&layout["plots"]).len(), 3, "one form of each plot");
     let pictures = list(&layout["pictures"]);

@@ -6,6 +6,7 @@ use std::io::{BufReader, Cursor, Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
+use exr::meta::{BlockDescription, MetaData};
 use image::{DynamicImage, ImageFormat, ImageReader, Limits};
 use mcvr_volume::open_regular;
 
@@ -21,6 +22,9 @@ const SCRATCH: u64 = 1 << 20;
 const NPY_HEADER: usize = 10_000;
 /// Deepest nesting of brackets in it; an array of numbers needs two.
 const NPY_DEPTH: usize = 8;
+
+/// Pixels of a tile that any EXR may have, however small its picture.
+const TILE: usize = 1 << 20;
 
 /// What is said of images of three different channels.
 const COLOURED: &str = "this image holds colours, and one of grey values is needed; render the scene without colours";
@@ -44,10 +48,14 @@ pub fn read(path: &Path) -> Result<Image, SceneError> {
 
 fn decode(file: File, length: u64) -> Result<Image, String> {
     let mut reader = ImageReader::new(BufReader::new(file)).with_guessed_format().map_err(|e| e.to_string())?;
-    if reader.format() == Some(ImageFormat::Tiff) {
+    if let Some(format @ (ImageFormat::Tiff | ImageFormat::OpenExr)) = reader.format() {
         let mut file = reader.into_inner();
-        check_tiff(&mut file, length)?;
-        reader = ImageReader::with_format(file, ImageFormat::Tiff);
+        if format == ImageFormat::Tiff {
+            check_tiff(&mut file, length)?;
+        } else {
+            check_exr(&mut file)?;
+        }
+        reader = ImageReader::with_format(file, format);
     }
     let ratio = match reader.format() {
         // A byte may hold eight pixels, each of which becomes a byte.
@@ -106,6 +114,28 @@ fn check_tiff(file: &mut (impl Read + Seek), length: u64) -> Result<(), String> 
         }
     }
     file.rewind().map_err(broken)
+}
+
+/// Refuses an EXR with tiles much larger than its picture: the decoder takes memory for a whole tile, whatever the file holds of
+/// it. Leaves the file at its start.
+fn check_exr(file: &mut (impl Read + Seek)) -> Result<(), String> {
+    let meta = MetaData::read_from_buffered(&mut *file, false).map_err(|e| e.to_string())?;
+    for header in &meta.headers {
+        if let BlockDescription::Tiles(tiles) = header.blocks {
+            let (tile, picture) = (tiles.tile_size, header.layer_size);
+            let pixels = |width: usize, height: usize| width.saturating_mul(height);
+            if pixels(tile.width(), tile.height()) > pixels(picture.width(), picture.height()).max(TILE) {
+                return Err(format!(
+                    "tiles of {} x {} pixels in a picture of {} x {}",
+                    tile.width(),
+                    tile.height(),
+                    picture.width(),
+                    picture.height()
+                ));
+            }
+        }
+    }
+    file.rewind().map_err(|e| e.to_string())
 }
 
 fn image(width: u64, height: u64, values: Vec<f64>) -> Result<Image, String> {

@@ -150,6 +150,32 @@ fn chunk(kind: &[u8; 4], data: &[u8]) -> Vec<u8> {
     [&(data.len() as u32).to_be_bytes()[..], kind, data, &sum.sum().to_be_bytes()].concat()
 }
 
+/// Found by fuzzing: 12 x 10 pixels in tiles of 64 x 8,388,672, for which a decoder asked for two gigabytes.
+fn tiled_exr() -> Vec<u8> {
+    let attribute = |name: &str, kind: &str, value: &[u8]| {
+        [name.as_bytes(), b"\0", kind.as_bytes(), b"\0", &(value.len() as u32).to_le_bytes(), value].concat()
+    };
+    let channel =
+        |name: &[u8]| [name, b"\0", &2u32.to_le_bytes(), &[0; 4], &1u32.to_le_bytes(), &1u32.to_le_bytes()].concat();
+    let window = [0u32, 0, 11, 9].map(u32::to_le_bytes).concat();
+    let tiles = [&64u32.to_le_bytes()[..], &8_388_672u32.to_le_bytes(), &[0]].concat();
+    let one = 1f32.to_le_bytes();
+    [
+        vec![0x76, 0x2f, 0x31, 0x01, 2, 2, 0, 0],
+        attribute("channels", "chlist", &[channel(b"B"), channel(b"G"), channel(b"R"), vec![0]].concat()),
+        attribute("compression", "compression", &[1]),
+        attribute("dataWindow", "box2i", &window),
+        attribute("displayWindow", "box2i", &window),
+        attribute("lineOrder", "lineOrder", &[0]),
+        attribute("pixelAspectRatio", "float", &one),
+        attribute("screenWindowCenter", "v2f", &[0; 8]),
+        attribute("screenWindowWidth", "float", &one),
+        attribute("tiles", "tiledesc", &tiles),
+        vec![0; 64],
+    ]
+    .concat()
+}
+
 /// Exact. Each promises a gibibyte or more, in a file of a few hundred bytes.
 fn promises(context: &Context) -> Result<Finding, CaseError> {
     let folder = context.folder()?;
@@ -209,6 +235,7 @@ fn promises(context: &Context) -> Result<Finding, CaseError> {
             ("b.tiff", "compare", tiff),
             ("a.exr", "compare", window("EXR", &9u32.to_le_bytes(), 1 << 26)?),
             ("b.exr", "compare", window("EXR", &11u32.to_le_bytes(), 1 << 30)?),
+            ("c.exr", "compare", tiled_exr()),
             ("deep.npy", "compare", edit("NPY", "(10, 12, )", &"(".repeat(9000))?),
         ],
     )

@@ -187,7 +187,7 @@ fn the_time_to_an_error_is_what_the_laws_say() {
     let model = summary.models.iter().find(|m| m.method == "mc" && m.clock == "view" && m.threads == 1).unwrap();
     let sample = model.terms.iter().find(|(name, _)| name == "sample").unwrap().1;
     assert!((sample / 1e-8 - 1.0).abs() < 1e-6 && model.rms_residual < 1e-6, "{model:?}");
-    assert!(cost_lines(&summary)[0].contains("30 % mc in 10"), "{:?}", cost_lines(&summary));
+    assert!(cost_lines(&summary)[0].contains("of 30 %: mc, 10"), "{:?}", cost_lines(&summary));
     let files =
         ["report.html", "report.md", "summary.json", "records.csv", "error_vs_time.svg", "error_vs_time-1-thread.svg"];
     for name in files {

@@ -24,16 +24,12 @@ pub fn cost_lines(run: &CostSummary) -> Vec<String> {
             .filter_map(|&target| {
                 let row = fastest(run, subject, lane, target)?;
                 let time = row.totals?[0];
-                Some(format!("{} {} in {}", target_words(target), short(&label(run, &row.method)), seconds(time)))
+                Some(format!("{}: {}, {}", target_words(target), short(&label(run, &row.method)), seconds(time)))
             })
             .collect();
         if !quickest.is_empty() {
-            lines.push(format!(
-                "{}, {}, quickest to an error of: {}.",
-                subject.dataset,
-                threads(lane),
-                quickest.join("; ")
-            ));
+            let of = if run.judged().count() > 1 { format!("{}: q", subject.dataset) } else { "Q".to_owned() };
+            lines.push(format!("{of}uickest on {} to an error of {}.", threads(lane), quickest.join("; of ")));
         }
         lines.extend(meeting_line(run, subject, lane));
     }

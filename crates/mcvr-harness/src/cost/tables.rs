@@ -192,10 +192,11 @@ pub(crate) fn meetings(run: &CostSummary, subject: &SubjectInfo, lane: usize) ->
             percent(c.error),
             short_count(c.budget),
             seconds(c.seconds),
-            format!("above: {cruder}; below: {finer}"),
+            cruder.clone(),
+            finer.clone(),
         ]);
     }
-    let names = ["Sampler", "Ray caster", "Equal at error", "Samples", "Time", "Quicker"];
+    let names = ["Sampler", "Ray caster", "Equal at error", "Samples", "Time", "Quicker above", "Quicker below"];
     (!rows.is_empty()).then(|| Block::Table { head: head(&names, std::iter::empty()), names: 2, rows })
 }
 

@@ -11,7 +11,7 @@ pub mod converge;
 mod error;
 pub mod fit;
 mod folder;
-mod format;
+pub mod format;
 mod html;
 mod images;
 mod machine;

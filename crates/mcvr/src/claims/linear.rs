@@ -64,7 +64,12 @@ fn measure(bench: &Bench<'_>) -> Result<Finding, ClaimError> {
             Figure::exponent(format!("from 2^{UPPER}, {method}"), &upper),
             Figure::spread(format!("fixed cost of a complete image at 10^6, {method}"), fixed, Unit::Share),
             Figure::spread(format!("one more sample, {method}"), more, Unit::Seconds),
+            Figure::exponent(format!("exponent from 2^22 to 2^24, {method}"), &fit(1 << 22)?),
         ]);
+        figures.extend([0, last - 4, last].map(|at| {
+            let name = format!("time without the distribution, 2^{}, {method}", counts[at].ilog2());
+            Figure::spread(name, spread(&rounds[at], drawn), Unit::Seconds)
+        }));
         if first {
             let end = |f: &mcvr_harness::SlopeFit| [f.low.unwrap_or(f.slope), f.high.unwrap_or(f.slope)];
             let ([a, b], [c, d]) = (end(&all), end(&upper));

@@ -52,7 +52,7 @@ pub struct Finding {
     /// The judgement.
     pub verdict: Verdict,
     /// Whether the spread of the deciding figures reaches to another verdict.
-    pub near_limit: bool,
+    pub uncertain: bool,
     /// The figures, those that decide first.
     pub figures: Vec<Figure>,
     /// What to know to read them.
@@ -62,7 +62,7 @@ pub struct Finding {
 impl Finding {
     /// A verdict on the middles of the deciding figures, and those on their ends.
     pub(super) fn new(verdict: Verdict, at_ends: &[Verdict], figures: Vec<Figure>, note: impl Into<String>) -> Self {
-        Self { verdict, near_limit: at_ends.iter().any(|v| *v != verdict), figures, note: note.into() }
+        Self { verdict, uncertain: at_ends.iter().any(|v| *v != verdict), figures, note: note.into() }
     }
 }
 
@@ -159,8 +159,8 @@ mod tests {
     }
 
     #[test]
-    fn a_finding_whose_ends_are_judged_otherwise_is_near_its_limit() {
-        let near = |ends| Finding::new(Verdict::Holds, ends, vec![], "").near_limit;
-        assert!(!near(&[Verdict::Holds; 2]) && near(&[Verdict::Holds, Verdict::HoldsInPart]));
+    fn a_finding_whose_ends_are_judged_otherwise_is_uncertain() {
+        let uncertain = |ends| Finding::new(Verdict::Holds, ends, vec![], "").uncertain;
+        assert!(!uncertain(&[Verdict::Holds; 2]) && uncertain(&[Verdict::Holds, Verdict::HoldsInPart]));
     }
 }

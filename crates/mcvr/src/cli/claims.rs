@@ -27,7 +27,8 @@ const TOLERANCE: f64 = 1e-3;
     mcvr claims --only sorting --only shading    some of them\n  \
     mcvr claims --list                           what is claimed, how it is tested and judged\n  \
     mcvr claims head.nrrd --markdown -o claims.md\n\n\
-    Times differ between machines and runs; a verdict whose figures reach across a limit is marked so.\n\
+    Times differ between machines and runs; a verdict is marked uncertain where the spread of its figures\n    \
+    reaches across a limit of its criterion.\n\
     Exit status: 0 all tested, whatever the verdicts, 1 a measurement failed, 130 interrupted.")]
 pub struct Args {
     #[command(flatten)]
@@ -87,8 +88,9 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     let about = claims_text::about(&setup, &options);
     if tested.len() < claims.len() {
         // What is finished is kept, but not in the place of a whole table.
-        let text = claims_text::plain(&tested, &about);
-        write!(outputs::stdout(), "{text}")?;
+        if !tested.is_empty() {
+            write!(outputs::stdout(), "{}", claims_text::plain(&tested, &about))?;
+        }
         return Err(anyhow::Error::new(Interrupted));
     }
     let text = match (args.json, args.markdown) {

@@ -80,7 +80,7 @@ pub fn list(claims: &[&Claim]) -> String {
 /// The verdict in words, with a mark where the figures reach across a limit.
 fn verdict(outcome: &Outcome) -> String {
     match &outcome.finding {
-        Some(Finding { verdict, near_limit: true, .. }) => format!("{} (near the limit)", verdict.words()),
+        Some(Finding { verdict, uncertain: true, .. }) => format!("{} (uncertain)", verdict.words()),
         Some(finding) => finding.verdict.words().into(),
         None => "failed".into(),
     }
@@ -164,9 +164,9 @@ mod tests {
     use mcvr::claims::{CATALOGUE, Figure, Unit, Verdict};
 
     fn three() -> Vec<Tested<'static>> {
-        let finding = |verdict, near_limit| {
+        let finding = |verdict, uncertain| {
             let figures = vec![Figure::plain("a | b", 2.0, Unit::Ratio)];
-            Some(Finding { verdict, near_limit, figures, note: "x".into() })
+            Some(Finding { verdict, uncertain, figures, note: "x".into() })
         };
         let outcome = |finding, error: Option<&str>| Outcome { finding, error: error.map(Into::into), seconds: 1.0 };
         let outcomes = [
@@ -180,8 +180,7 @@ mod tests {
     #[test]
     fn a_table_says_verdicts_doubts_and_failures() {
         let text = plain(&three(), &json!({ "dataset": "blob", "dims": [2, 3, 4] }));
-        for part in ["HOLDS (NEAR THE LIMIT)", "DOES NOT HOLD", "FAILED", "no disk", "2×3×4 voxels", "a | b: 2.00×"]
-        {
+        for part in ["HOLDS (UNCERTAIN)", "DOES NOT HOLD", "FAILED", "no disk", "2×3×4 voxels", "a | b: 2.00×"] {
             assert!(text.contains(part), "{part}: {text}");
         }
         assert!(text.contains("3 claims: 1 holds, 1 does not hold, 1 failed; 3 s"), "{text}");

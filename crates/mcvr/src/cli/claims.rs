@@ -27,6 +27,7 @@ const TOLERANCE: f64 = 1e-3;
     mcvr claims --only sorting --only shading    some of them\n  \
     mcvr claims --list                           what is claimed, how it is tested and judged\n  \
     mcvr claims head.nrrd --markdown -o claims.md\n\n\
+    The truth of thin structures takes minutes; --tolerance 1e-2 is quicker and fine enough for most claims.\n\
     Times differ between machines and runs; a verdict is marked uncertain where the spread of its figures\n    \
     reaches across a limit of its criterion.\n\
     Exit status: 0 all tested, whatever the verdicts, 1 a measurement failed, 130 interrupted.")]

@@ -76,7 +76,8 @@ fn measure(bench: &Bench<'_>) -> Result<Finding, ClaimError> {
             judged = vec![judge(all.slope, upper.slope, fixed.median), judge(a, c, fixed.min), judge(b, d, fixed.max)];
         }
     }
-    let note =
-        "Fixed is what does not depend on M: mostly the distribution, which reads every voxel, then the image itself.";
+    let note = "Fixed is what does not depend on M: mostly the distribution, which reads every voxel, then the image itself. An \
+                exponent below 1 means that twice the samples take less than twice the time: samples in one brick of voxels \
+                share the work of unpacking it, and the more samples there are, the more share it.";
     Ok(Finding::new(judged[0], &judged[1..], figures, note))
 }

@@ -65,7 +65,8 @@ fn thin_structures_are_judged_in_all_and_at_equal_brightness() {
     assert_eq!(judge(WEAK, WEAK), Holds);
     assert_eq!(judge(WEAK, WEAK.next_down()), HoldsInPart);
     assert_eq!(judge(WEAK.next_down(), WEAK), DoesNotHold);
-    assert_eq!(judge(WEAK, NAN), NotTestable);
+    assert_eq!(judge(WEAK.next_down(), NAN), DoesNotHold);
+    assert_eq!((judge(WEAK, NAN), judge(NAN, 1.0)), (NotTestable, NotTestable));
 }
 
 #[test]

@@ -37,8 +37,11 @@ pub(super) const CLAIM: Claim = Claim {
 
 /// The verdict on the relative error of thin structures over that of the rest: in all, and at equal brightness.
 pub fn judge(in_all: f64, at_equal_brightness: f64) -> Verdict {
-    let weak = in_all >= WEAK;
-    Verdict::ladder(&[in_all, at_equal_brightness], weak && at_equal_brightness >= WEAK, weak)
+    if in_all < WEAK {
+        // Whatever is the case at equal brightness, which not every image can tell.
+        return Verdict::DoesNotHold;
+    }
+    Verdict::ladder(&[in_all, at_equal_brightness], at_equal_brightness >= WEAK, true)
 }
 
 /// Morphological opening: the smallest, then the largest value of each square; bright structures narrower than it vanish.

@@ -1,7 +1,7 @@
 //! Numbers as people read them: three significant digits, a unit, and no more.
 
 /// `digits` significant digits without an exponent.
-pub(crate) fn significant(value: f64, digits: i32) -> String {
+pub fn significant(value: f64, digits: i32) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");
     }
@@ -13,12 +13,12 @@ pub(crate) fn significant(value: f64, digits: i32) -> String {
 }
 
 /// `0.392` as `39.2 %`.
-pub(crate) fn percent(value: f64) -> String {
+pub fn percent(value: f64) -> String {
     format!("{} %", significant(100.0 * value, 3))
 }
 
 /// Seconds with the unit that suits.
-pub(crate) fn seconds(value: f64) -> String {
+pub fn seconds(value: f64) -> String {
     scaled(value, 3)
 }
 
@@ -70,7 +70,7 @@ pub(crate) fn grouped(value: u64) -> String {
 }
 
 /// `1,048,576 (2²⁰)` for large powers of two, otherwise the grouped number.
-pub(crate) fn samples(value: u64) -> String {
+pub fn samples(value: u64) -> String {
     if value >= 1024 && value.is_power_of_two() {
         let raised: String = value.trailing_zeros().to_string().chars().map(superscript).collect();
         format!("{} (2{raised})", grouped(value))
@@ -98,7 +98,7 @@ pub(crate) fn short_samples(value: u64) -> String {
 }
 
 /// A slope with a true minus sign.
-pub(crate) fn slope(value: f64) -> String {
+pub fn slope(value: f64) -> String {
     format!("{value:.3}").replace('-', "−")
 }
 

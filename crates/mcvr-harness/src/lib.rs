@@ -12,7 +12,7 @@ pub mod cost;
 mod error;
 pub mod fit;
 mod folder;
-mod format;
+pub mod format;
 mod html;
 mod images;
 mod machine;

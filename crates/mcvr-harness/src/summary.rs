@@ -190,7 +190,8 @@ impl Row {
 }
 
 impl Spread {
-    pub(crate) fn of(mut values: Vec<f64>) -> Self {
+    /// Of some values; not numbers where there are none.
+    pub fn of(mut values: Vec<f64>) -> Self {
         values.sort_unstable_by(f64::total_cmp);
         let n = values.len();
         let at = |i: usize| values.get(i).copied().unwrap_or(f64::NAN);

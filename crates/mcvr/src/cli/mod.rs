@@ -9,6 +9,8 @@ macro_rules! say {
 }
 
 mod args;
+mod claims;
+mod claims_text;
 mod compare;
 mod converge;
 mod cost;
@@ -88,6 +90,8 @@ enum Command {
     Info(info::Args),
     /// Pose the hard cases: where such programs break, measured beside its bound
     Hardcases(hardcases::Args),
+    /// Test the claims of the report that this program follows, each with a verdict and its figures
+    Claims(Box<claims::Args>),
     /// Print the JSON Schema of scene files
     Schema(schema::Args),
 }
@@ -126,6 +130,7 @@ pub fn run() -> ExitCode {
         Some(Command::Compare(args)) => compare::run(&args),
         Some(Command::Info(args)) => info::run(&args),
         Some(Command::Hardcases(args)) => hardcases::run(&args, cli.quiet),
+        Some(Command::Claims(args)) => claims::run(&args, cli.quiet),
         Some(Command::Schema(args)) => schema::run(&args),
     };
     match outcome {

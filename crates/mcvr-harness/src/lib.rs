@@ -12,6 +12,8 @@ mod error;
 pub mod fit;
 mod folder;
 mod format;
+pub mod history;
+pub mod history_plot;
 mod html;
 mod images;
 mod machine;

@@ -9,10 +9,13 @@ macro_rules! say {
 }
 
 mod args;
+mod bench;
+mod bench_checks;
 mod compare;
 mod converge;
 mod effect_args;
 mod hardcases;
+mod history;
 mod info;
 mod numbers;
 mod orbit;
@@ -83,6 +86,10 @@ enum Command {
     Info(info::Args),
     /// Pose the hard cases: where such programs break, measured beside its bound
     Hardcases(hardcases::Args),
+    /// Hold this program to the committed baseline: accuracy, work, instructions, time
+    Bench(bench::Args),
+    /// Show recorded results over time
+    History(history::Args),
     /// Print the JSON Schema of scene files
     Schema(schema::Args),
 }
@@ -120,6 +127,8 @@ pub fn run() -> ExitCode {
         Some(Command::Compare(args)) => compare::run(&args),
         Some(Command::Info(args)) => info::run(&args),
         Some(Command::Hardcases(args)) => hardcases::run(&args, cli.quiet),
+        Some(Command::Bench(args)) => bench::run(&args, cli.quiet),
+        Some(Command::History(args)) => history::run(&args),
         Some(Command::Schema(args)) => schema::run(&args),
     };
     match outcome {

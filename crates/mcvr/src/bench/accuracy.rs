@@ -22,7 +22,9 @@ const SAMPLES: u64 = 20_000;
 /// Samples of a linear search, half a volume each.
 const LINEAR_SAMPLES: u64 = 2_500;
 /// Tolerance of the truths.
-const TOLERANCE: f64 = 1e-3;
+const TOLERANCE: f64 = 5e-3;
+/// Pixels of an image.
+const SIZE: [usize; 2] = [32, 24];
 const SEPARABLE: [Kernel; 3] = [Kernel::Box, Kernel::Tent, Kernel::Bspline3];
 
 /// One image by name: `method/kernel/estimand/effect`.
@@ -64,7 +66,7 @@ pub fn cases() -> Result<Vec<Case>, BenchError> {
     let with = |method: Method, kernel: Kernel, estimand: Estimand| {
         let samples = match method {
             Method::McLinear => LINEAR_SAMPLES,
-            Method::March => 4 * 40 * 32,
+            Method::March => 4 * (SIZE[0] * SIZE[1]) as u64,
             _ => SAMPLES,
         };
         Request { method, kernel, estimand, samples, seed: 2026, tolerance: TOLERANCE, ..Request::default() }
@@ -80,9 +82,7 @@ pub fn cases() -> Result<Vec<Case>, BenchError> {
             add(method.name(), with(method, Kernel::Tent, Estimand::Line), effect);
         }
     }
-    for (kernel, estimand) in
-        [(Kernel::Box, Estimand::Line), (Kernel::Bspline3, Estimand::Line), (Kernel::Tent, Estimand::Count)]
-    {
+    for (kernel, estimand) in [(Kernel::Bspline3, Estimand::Line), (Kernel::Tent, Estimand::Count)] {
         for method in [Method::Exact, Method::Qmc] {
             add(method.name(), with(method, kernel, estimand), "materials");
         }
@@ -105,15 +105,16 @@ pub struct Studio {
     truths: BTreeMap<String, Truth>,
 }
 
-/// A reference image and its own relative error.
+/// A reference image, its own relative error and its work.
 #[derive(Clone, Debug)]
 pub(super) struct Truth {
     pub image: Image,
     pub error: f64,
+    counters: Value,
 }
 
 impl Studio {
-    /// A lobster of 32³ voxels, seen by a pinhole close by at 40×32 pixels: `count` and `line` differ, borders cut.
+    /// A lobster of 32³ voxels, seen by a pinhole close by: `count` and `line` differ, borders cut.
     ///
     /// # Errors
     /// When the scene cannot be made.
@@ -121,7 +122,7 @@ impl Studio {
         let volume = mcvr_volume::load("phantom:lobster@32", None)?.volume;
         let distance = Some(1.2 * volume.grid().diameter());
         let view = View { azimuth: 31.0, elevation: 47.0, distance, ..View::default() };
-        let camera = Camera::look(&view, volume.grid(), Extent::new(40, 32)?)?;
+        let camera = Camera::look(&view, volume.grid(), Extent::new(SIZE[0], SIZE[1])?)?;
         let effects = effects()?.into_iter().map(|(name, e)| (name.to_owned(), e)).collect();
         Ok(Self { volume, camera, effects, truths: BTreeMap::new() })
     }
@@ -145,7 +146,7 @@ impl Studio {
             let request = Request { method: Method::Exact, ..case.request };
             let made = make(&self.scenery(case), &request, watch)?;
             let image = made.measurable()?.into_owned();
-            self.truths.insert(key.clone(), Truth { image, error: made.error.unwrap_or(0.0) });
+            self.truths.insert(key.clone(), Truth { image, error: made.error.unwrap_or(0.0), counters: made.counters });
         }
         Ok(self.truths.get(&key))
     }
@@ -155,19 +156,23 @@ impl Studio {
     /// # Errors
     /// What [`make`] says, and [`BenchError::Cancelled`].
     pub fn figure(&mut self, case: &Case, watch: &Watch<'_>) -> Result<Figure, BenchError> {
-        let exact = case.request.method == Method::Exact;
+        let truth = self.truth(case, watch)?.cloned();
+        if let Some(truth) = truth.as_ref().filter(|_| case.request.method == Method::Exact) {
+            return Ok(Figure::of(&truth.image, Some(truth.error), None, &truth.counters));
+        }
         let made = make(&self.scenery(case), &case.request, watch)?;
         let image = made.measurable()?.into_owned();
-        let (mut error, mut bias) = (None, None);
-        if exact {
-            error = made.error;
-        } else if let Some(truth) = self.truth(case, watch)? {
-            let compared = compare(&image, &truth.image)?;
-            (error, bias) = (compared.rel_rmse, compared.bias);
-        }
+        let compared = truth.map(|t| compare(&image, &t.image)).transpose()?;
+        let (error, bias) = compared.map_or((None, None), |c| (c.rel_rmse, c.bias));
+        Ok(Figure::of(&image, error, bias, &made.counters))
+    }
+}
+
+impl Figure {
+    fn of(image: &Image, error: Option<f64>, bias: Option<f64>, work: &Value) -> Self {
         let mut counters = BTreeMap::new();
-        flatten("", &made.counters, &mut counters);
-        Ok(Figure { sha256: sha256(&image), mean: image.mean(), error, bias, counters })
+        flatten("", work, &mut counters);
+        Self { sha256: sha256(image), mean: image.mean(), error, bias, counters }
     }
 }
 

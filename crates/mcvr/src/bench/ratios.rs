@@ -79,13 +79,12 @@ fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
 pub fn judge_times(baseline: &BTreeMap<String, f64>, passes: &[BTreeMap<String, f64>]) -> Section {
     let mut section = Section::new(Check::Time);
     let judged: Vec<Pass> = passes.iter().filter_map(|now| Pass::of(baseline, now)).collect();
-    let Some(last) = judged.last() else {
+    if judged.is_empty() && !baseline.is_empty() {
         section.problem("the baseline has no anchors; accept a new one".into());
-        return section;
-    };
+    }
     let counting: Vec<&Pass> = judged.iter().filter(|p| p.counts()).collect();
     section.judged = counting.iter().any(|p| p.slower.is_empty()) || counting.len() >= 2;
-    if !section.judged {
+    if !section.judged && !judged.is_empty() {
         let worst = judged.iter().map(|p| p.anchors).fold(0.0, f64::max);
         section.notice(format!(
             "times are not judged: in {} passes the reference loads moved against each other by up to {worst:.2}, so something \
@@ -124,10 +123,12 @@ pub fn judge_times(baseline: &BTreeMap<String, f64>, passes: &[BTreeMap<String, 
         lines.push(Line { name: name.clone(), baseline: before, now: show(*seconds), change, verdict, note });
     }
     section.lines.extend(lines);
-    section.notice(format!(
-        "times are relative to the anchors, which moved by up to {:.2} against each other; seconds themselves are not judged",
-        last.anchors
-    ));
+    if let Some(last) = judged.last() {
+        section.notice(format!(
+            "×1 is the anchors' geometric mean; they moved by up to {:.2} against each other; seconds are not judged",
+            last.anchors
+        ));
+    }
     section
 }
 

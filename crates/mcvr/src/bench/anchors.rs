@@ -40,7 +40,7 @@ fn integer() -> Prepared {
 /// Independent `f32` operations that keep the vector units busy.
 fn vector() -> Prepared {
     let mut values: Vec<f32> = (0..VECTOR).map(|i| i as f32 / VECTOR as f32).collect();
-    Prepared::new(VECTOR as u64, 1200, move || {
+    Prepared::new(VECTOR as u64, 2400, move || {
         for v in &mut values {
             *v = (*v * 0.998 + 0.25).sqrt() * 0.75;
         }
@@ -56,7 +56,7 @@ fn stream() -> Prepared {
 
 /// Counting at random places, as samples are added to an image.
 fn scatter() -> Prepared {
-    const STEPS: u64 = 400_000;
+    const STEPS: u64 = 1_200_000;
     let mut counters = vec![0u64; SCATTER];
     Prepared::new(STEPS, 1, move || {
         let mut state = 7;

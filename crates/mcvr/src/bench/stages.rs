@@ -61,7 +61,8 @@ fn distribution(order: VoxelOrder) -> Stage {
     Stage::new(format!("distribution/{}", order.name()), "voxel", move || {
         let density = &lobster()?.density;
         let work = move || Ok(Distribution::new(density, order)?.total());
-        Ok(Prepared::new(density.report().voxels, 16, work))
+        let repeats = if order == VoxelOrder::Raster { 24 } else { 8 };
+        Ok(Prepared::new(density.report().voxels, repeats, work))
     })
 }
 
@@ -117,7 +118,7 @@ fn rendering(kernel: Kernel, estimand: Estimand) -> Stage {
         let distribution = Distribution::new(density, VoxelOrder::Raster)?;
         let (net, options) = (net(), RenderOptions { kernel, estimand, ..RenderOptions::default() });
         let work = move || Ok(render(&distribution, &net, camera, &options, &Watch::default())?.counters.inside);
-        Ok(Prepared::new(SAMPLES, 3, work))
+        Ok(Prepared::new(SAMPLES, 1, work))
     })
 }
 
@@ -139,7 +140,7 @@ fn cloud_sample() -> Result<Prepared, BenchError> {
     let net = net();
     let work =
         move || Ok(sample(&distribution, &net, Kernel::Tent, Provenance::default(), &Watch::default())?.1.voxels_read);
-    Ok(Prepared::new(SAMPLES, 3, work))
+    Ok(Prepared::new(SAMPLES, 1, work))
 }
 
 /// Projection and accumulation alone.
@@ -150,7 +151,7 @@ fn cloud_project(estimand: Estimand) -> Stage {
         let (cloud, _) = sample(&distribution, &net(), Kernel::Tent, Provenance::default(), &Watch::default())?;
         let options = ProjectOptions { estimand, ..ProjectOptions::default() };
         let work = move || Ok(project_cloud(&cloud, camera, &options, &Watch::default())?.counters.inside);
-        Ok(Prepared::new(SAMPLES, 10, work))
+        Ok(Prepared::new(SAMPLES, 6, work))
     })
 }
 
@@ -195,7 +196,7 @@ fn cells(kernel: Kernel) -> Stage {
 /// The adaptive reference.
 fn exact() -> Result<Prepared, BenchError> {
     let Scene { density, camera, .. } = dense()?;
-    let options = ReferenceOptions { tolerance: 1e-2, ..ReferenceOptions::default() };
+    let options = ReferenceOptions { tolerance: 0.1, max_depth: 2, ..ReferenceOptions::default() };
     let run = move || Ok(reference(density, camera, &options, &Watch::default())?.counters.rays);
     Ok(Prepared::new(run()?, 1, run))
 }
@@ -213,10 +214,10 @@ fn exact_shaded(effects: &Effects) -> Result<Prepared, BenchError> {
 /// A complete image, from the volume in memory to linear pixels.
 fn image(method: Method) -> Stage {
     let (samples, repeats, unit) = match method {
-        Method::McLinear => (1 << 9, 1, "sample"),
-        Method::McBinary | Method::McQuicksort => (SAMPLES / 8, 1, "sample"),
+        Method::McLinear => (1 << 6, 1, "sample"),
+        Method::McBinary | Method::McQuicksort => (SAMPLES / 16, 1, "sample"),
         Method::March => (200 * 200, 1, "ray"),
-        _ => (SAMPLES, 2, "sample"),
+        _ => (SAMPLES, 1, "sample"),
     };
     Stage::new(format!("image/{method}"), unit, move || {
         let Scene { volume, camera, .. } = lobster()?;

@@ -200,7 +200,7 @@ mod tests {
         };
         assert_eq!(verdict(&[slow.clone(), slow.clone(), slow.clone()]), (true, Verdict::Worse));
         assert_eq!(verdict(&[slow.clone(), baseline(), slow.clone()]), (true, Verdict::Same));
-        assert_eq!(verdict(&[slow.clone()]), (false, Verdict::NotJudged));
+        assert_eq!(verdict(std::slice::from_ref(&slow)), (false, Verdict::NotJudged));
     }
 
     #[test]

@@ -59,7 +59,7 @@ pub(super) fn effects() -> Result<Vec<(&'static str, Effects)>, BenchError> {
     Ok(vec![
         ("shading", Effects { light, shading, ..Effects::default() }),
         ("depth-cue", Effects { light, depth_cue, ..Effects::default() }),
-        ("materials", Effects { materials: materials.clone(), unlisted: unlisted.clone(), ..Effects::default() }),
+        ("materials", Effects { materials: materials.clone(), unlisted, ..Effects::default() }),
         ("depth-colour", Effects { depth_colour: depth_colour.clone(), ..Effects::default() }),
         ("all", Effects { light, shading, depth_cue, depth_colour, materials, unlisted }),
     ])

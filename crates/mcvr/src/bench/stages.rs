@@ -76,9 +76,10 @@ fn in_view() -> Result<Prepared, BenchError> {
 }
 
 type Stream = Box<dyn PointStream + Send>;
+type Drawn = (&'static str, fn() -> Stream, u64);
 
 /// Points by name; the last number is how often they are drawn in a run.
-const DRAWN: [(&str, fn() -> Stream, u64); 5] = [
+const DRAWN: [Drawn; 5] = [
     ("mc", || Box::new(OrderStatistics::new(SAMPLES, 1)), 4),
     ("mc-quicksort", || Box::new(Quicksorted::new(SAMPLES / 4, 1, TOTAL)), 2),
     ("stratified", || Box::new(Stratified::new(SAMPLES, 1)), 4),
@@ -89,7 +90,7 @@ const DRAWN: [(&str, fn() -> Stream, u64); 5] = [
 const TOTAL: u64 = 1 << 40;
 
 /// Making the stream, then all its blocks.
-fn draw((name, stream, repeats): (&'static str, fn() -> Stream, u64)) -> Stage {
+fn draw((name, stream, repeats): Drawn) -> Stage {
     Stage::new(format!("draw/{name}"), "point", move || {
         let mut block = PointBlock::default();
         let samples = stream().samples();

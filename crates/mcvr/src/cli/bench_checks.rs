@@ -1,7 +1,7 @@
 //! The checks of `mcvr bench`: read the baseline, measure, judge; and accept.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
@@ -64,7 +64,7 @@ impl Checks<'_> {
     }
 
     /// A failure where there is no baseline, unless one is being made.
-    fn absent(&self, section: &mut Section, file: &std::path::Path) {
+    fn absent(&self, section: &mut Section, file: &Path) {
         if self.accept {
             section.judged = false;
         } else {
@@ -229,7 +229,7 @@ impl Checks<'_> {
     }
 
     /// Reads a file of the baseline. While one is being made, what cannot be read is as good as absent.
-    fn read<T: serde::de::DeserializeOwned>(&self, file: &PathBuf) -> Result<Option<T>, BenchError> {
+    fn read<T: serde::de::DeserializeOwned>(&self, file: &Path) -> Result<Option<T>, BenchError> {
         match Baseline::read(file) {
             Err(_) if self.accept && self.whole => Ok(None),
             other => other,

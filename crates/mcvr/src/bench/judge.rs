@@ -154,7 +154,8 @@ pub fn judge_instructions(
     section.judged = comparable;
     for (name, counted) in now {
         let before = baseline.get(name);
-        let share = before.map(|b| counted.instructions as f64 / b.instructions as f64 - 1.0);
+        // The difference of whole numbers first: their quotient less one would round at the edge.
+        let share = before.map(|b| (counted.instructions as f64 - b.instructions as f64) / b.instructions as f64);
         let verdict = match share {
             None => Verdict::New,
             Some(_) if !comparable => Verdict::NotJudged,

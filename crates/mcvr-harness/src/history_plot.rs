@@ -25,8 +25,11 @@ pub fn svg(entries: &[Entry], courses: &[Course<'_>]) -> Result<String, HarnessE
     if metrics.is_empty() || metrics.len() > PANELS {
         return Err(fail(format!("{} metrics match; choose 1 to {PANELS} with --metric", metrics.len())));
     }
-    let runs: BTreeSet<usize> = courses.iter().flat_map(|c| c.points.iter().map(|p| p.0)).collect();
-    let runs: Vec<usize> = runs.into_iter().collect();
+    // One place for each day and commit, in the order of the runs, whatever the machine.
+    let drawn: BTreeSet<usize> = courses.iter().flat_map(|c| c.points.iter().map(|p| p.0)).collect();
+    let mut runs: Vec<String> = drawn.into_iter().map(|i| place_name(&entries[i])).collect();
+    let mut seen = BTreeSet::new();
+    runs.retain(|run| seen.insert(run.clone()));
     let machines: BTreeSet<&str> = courses.iter().map(|c| c.machine).collect();
     let machines: Vec<&str> = machines.into_iter().collect();
     let mut text = String::new();
@@ -47,12 +50,17 @@ pub fn svg(entries: &[Entry], courses: &[Course<'_>]) -> Result<String, HarnessE
     Ok(text)
 }
 
+/// Day and commit.
+fn place_name(entry: &Entry) -> String {
+    format!("{} {}", entry.day(), entry.commit)
+}
+
 fn panel<DB: DrawingBackend>(
     area: &DrawingArea<DB, plotters::coord::Shift>,
     metric: &str,
     courses: &[&Course<'_>],
     entries: &[Entry],
-    runs: &[usize],
+    runs: &[String],
     machines: &[&str],
 ) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>> {
     let values = || courses.iter().flat_map(|c| c.points.iter().map(|p| p.1)).filter(|v| v.is_finite());
@@ -60,7 +68,9 @@ fn panel<DB: DrawingBackend>(
     let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
     // A metric that never moved still gets a range, and one that hardly did is not blown up to fill the panel.
     let pad = (0.08 * (high - low)).max(0.05 * high.abs()).max(f64::MIN_POSITIVE);
-    let place = |entry: usize| runs.iter().position(|r| *r == entry).unwrap_or(0) as i32;
+    let place = |entry: usize| runs.iter().position(|r| *r == place_name(&entries[entry])).unwrap_or(0) as i32;
+    // Room for the legend above the curves.
+    let head = 0.12 * (courses.len() + 1) as f64 * (high - low + 2.0 * pad);
     let last = (runs.len() as i32).max(2) - 1;
     let title = format!("{metric} ({})", unit(metric)).replace(" ()", "");
     let mut chart = ChartBuilder::on(area)
@@ -68,14 +78,13 @@ fn panel<DB: DrawingBackend>(
         .margin(12)
         .x_label_area_size(44)
         .y_label_area_size(86)
-        .build_cartesian_2d((-1..last + 1).step(1), low - pad..high + pad)?;
-    let label = |i: &i32| {
-        let run = usize::try_from(*i).ok().and_then(|i| runs.get(i));
-        run.map_or(String::new(), |r| format!("{} {}", entries[*r].day(), entries[*r].commit))
-    };
-    let shown = runs.len().min(5) + 2;
+        .build_cartesian_2d((-1..last + 1).step(1), low - pad..high + pad + head)?;
+    let label = |i: &i32| usize::try_from(*i).ok().and_then(|i| runs.get(i)).cloned().unwrap_or_default();
+    let shown = runs.len().min(3) + 2;
     chart
         .configure_mesh()
+        .light_line_style(TRANSPARENT)
+        .bold_line_style(RGBColor(222, 225, 229))
         .x_labels(shown)
         .y_labels(5)
         .x_label_formatter(&label)

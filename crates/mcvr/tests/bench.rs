@@ -145,3 +145,21 @@ fn stages_and_cases_are_listed() {
     assert!(text.contains("stage     render/tent-line") && text.contains("accuracy  exact/tent/line/plain"), "{text}");
     assert!(!text.contains("draw/"), "{text}");
 }
+
+#[test]
+fn the_examples_of_the_help_are_accepted() {
+    let help = text(&mcvr(Path::new("."), &["bench", "--help"]).stdout);
+    let examples = help.lines().filter_map(|l| l.trim().strip_prefix("mcvr ")).filter(|l| l.starts_with("bench"));
+    let mut tried = 0;
+    for example in examples.filter(|l| !l.contains("--markdown")) {
+        // What follows two spaces says what the example is for.
+        let command = example.split("  ").next().unwrap();
+        let mut args: Vec<&str> = command.split(' ').collect();
+        args.retain(|a| *a != "--list");
+        args.push("--list");
+        let out = mcvr(Path::new("."), &args);
+        assert!(out.status.success() && !out.stdout.is_empty(), "{args:?}: {}", text(&out.stderr));
+        tried += 1;
+    }
+    assert!(tried >= 5, "{help}");
+}

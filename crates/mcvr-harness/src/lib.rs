@@ -13,6 +13,8 @@ mod error;
 pub mod fit;
 mod folder;
 pub mod format;
+pub mod history;
+pub mod history_plot;
 mod html;
 mod images;
 mod machine;

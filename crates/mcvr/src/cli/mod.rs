@@ -9,6 +9,8 @@ macro_rules! say {
 }
 
 mod args;
+mod bench;
+mod bench_checks;
 mod claims;
 mod claims_text;
 mod compare;
@@ -16,6 +18,7 @@ mod converge;
 mod cost;
 mod effect_args;
 mod hardcases;
+mod history;
 mod info;
 mod numbers;
 mod orbit;
@@ -92,6 +95,10 @@ enum Command {
     Hardcases(hardcases::Args),
     /// Test the claims of the report that this program follows, each with a verdict and its figures
     Claims(Box<claims::Args>),
+    /// Hold this program to the committed baseline: accuracy, work, instructions, time
+    Bench(bench::Args),
+    /// Show recorded results over time
+    History(history::Args),
     /// Print the JSON Schema of scene files
     Schema(schema::Args),
 }
@@ -131,6 +138,8 @@ pub fn run() -> ExitCode {
         Some(Command::Info(args)) => info::run(&args),
         Some(Command::Hardcases(args)) => hardcases::run(&args, cli.quiet),
         Some(Command::Claims(args)) => claims::run(&args, cli.quiet),
+        Some(Command::Bench(args)) => bench::run(&args, cli.quiet),
+        Some(Command::History(args)) => history::run(&args),
         Some(Command::Schema(args)) => schema::run(&args),
     };
     match outcome {

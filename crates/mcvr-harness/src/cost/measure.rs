@@ -55,8 +55,8 @@ impl CostRun {
     }
 
     /// Measures all entrants of one subject: at each rung of the ladders every entrant in turn, repeat by repeat, starting
-    /// with another one each time, so that a drift of the machine hits all alike. An entrant whose images take longer than
-    /// `longest`, or whose error falls below ten times the truth's own, climbs no further. Before its first measurement
+    /// with another one each time, so that a drift of the machine hits all alike. An entrant whose views take longer than
+    /// `longest` (what is done once for a volume apart), or whose error falls below ten times the truth's own, climbs no further. Before its first measurement
     /// each makes one image that is not counted.
     ///
     /// Returns whether it was finished: `false` after `watch.cancel`; what was measured is on disk in any case.
@@ -184,7 +184,7 @@ impl CostRun {
             .filter(|r| r.method == entrant.method.name() && r.threads == entrant.threads && r.samples == budget)
             .cloned()
             .collect();
-        points(&mine).first().is_none_or(|p: &Point| p.complete.median <= self.options.longest && !p.below_floor)
+        points(&mine).first().is_none_or(|p: &Point| p.view.median <= self.options.longest && !p.below_floor)
     }
 
     fn key(&self, subject: &Subject<'_>, entrant: &Entrant<'_>, budget: u64, repeat: u32) -> RecordKey {

@@ -46,7 +46,7 @@ pub struct CostOptions {
     pub repeats: u32,
     /// Seed of the run; see [`replicate_seed`](crate::converge::replicate_seed).
     pub seed: u64,
-    /// A method's budget is not raised further once a complete image takes longer, s.
+    /// A method's budget is not raised further once a view takes longer, what is done once for a volume apart, s.
     pub longest: f64,
     /// Relative errors that the tables ask for.
     pub targets: Vec<f64>,

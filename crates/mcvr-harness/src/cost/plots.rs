@@ -166,13 +166,17 @@ pub(crate) fn time_vs_voxels(run: &CostSummary, lane: usize, target: f64) -> Opt
     Some(Plot { name, drawing: Drawing::Chart(Box::new(chart)), what })
 }
 
+/// The source revisions that measured.
+pub(crate) fn commits(run: &CostSummary) -> String {
+    if run.commits.is_empty() { "unknown".to_owned() } else { run.commits.join(", ") }
+}
+
 /// What was measured, where: the first lines of every caption.
 pub(crate) fn about(run: &CostSummary, dataset: &str, lane: usize) -> Vec<String> {
     let m = &run.meta;
-    let commit = m.commit.as_deref().unwrap_or("unknown");
     vec![
         format!("{dataset}, {}, {}, kernel {}, estimand {}.", m.view, m.size, m.kernel.name(), m.estimand),
-        format!("{}; {}; commit {commit}.", m.machine, threads(lane)),
+        format!("{}; {}; commit {}.", m.machine, threads(lane), commits(run)),
     ]
 }
 

@@ -1,6 +1,6 @@
 //! What a cost report says, as blocks.
 
-use super::plots::{Plot, threads};
+use super::plots::{Plot, commits, threads};
 use super::summary::{ANY, CostSummary, MethodInfo, ReachRow, SubjectInfo};
 use super::tables::{self, label, target_words};
 use crate::SeriesImage;
@@ -147,8 +147,8 @@ pub(crate) fn blocks(run: &CostSummary, plots: &[Plot]) -> Vec<Block> {
         blocks.push(Block::Heading("A model of the time".into()));
         blocks.push(Block::Text(
             "Seconds as a sum of non-negative multiples of what the work grows with, by least squares on relative residuals over all \
-             measured budgets, image sizes and volumes. Residuals are relative to the measured time. A term that did not vary here, or \
-             that the fit leaves at 0, is absent. Exact ray casting has no such law: its rays depend on the image."
+             measured budgets, image sizes and volumes. Residuals are relative to the measured time. A “brick” is 256 voxels, unpacked when the first sample falls into it; how many are is what equal weights would \
+                 give. A term that did not vary here, or that the fit leaves at 0, is absent. Exact ray casting has no such law: its rays depend on the image."
                 .into(),
         ));
         blocks.push(table);
@@ -159,7 +159,7 @@ pub(crate) fn blocks(run: &CostSummary, plots: &[Plot]) -> Vec<Block> {
 }
 
 fn how_to_read(run: &CostSummary) -> String {
-    format!("{READING} Budgets were not raised once an image took longer than {}.", seconds(run.longest))
+    format!("{READING} Budgets were not raised once a view took longer than {}.", seconds(run.longest))
 }
 
 /// What the marks of a table of times to an error mean.
@@ -253,7 +253,7 @@ fn measured(run: &CostSummary, blocks: &mut Vec<Block>) {
             "Every method makes images from small budgets to large ones, each {} times with its own seed, on {}. Within one rung all methods \
              and numbers of threads take turns, starting with another one each time, so that a change of the machine's pace hits all alike; \
              each makes one image that is not counted before its first. Volumes are measured one after the other. A budget is not raised \
-             further once an image takes longer than {} or its error falls below {FLOOR_FACTOR} times the truth's own.",
+             further once a view takes longer than {} or its error falls below {FLOOR_FACTOR} times the truth's own.",
             run.repeats,
             lanes.join(" and on "),
             seconds(run.longest)
@@ -278,7 +278,7 @@ fn measured(run: &CostSummary, blocks: &mut Vec<Block>) {
             m.scene,
             m.machine,
             env!("CARGO_PKG_VERSION"),
-            m.commit.as_deref().unwrap_or("unknown")
+            commits(run)
         ),
         "The command:".to_owned(),
     ] {

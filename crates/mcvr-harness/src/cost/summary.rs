@@ -1,6 +1,6 @@
 //! What a run found: points, times to an error, meeting points, models.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::PathBuf;
 
 use serde::Serialize;
@@ -17,6 +17,8 @@ use crate::{Record, SeriesImage, TruthSummary};
 pub struct CostSummary {
     /// What was measured, and where.
     pub meta: CostMeta,
+    /// Source revisions that the records name; more than one when a run was resumed by another build.
+    pub commits: Vec<String>,
     /// Repeats asked for.
     pub repeats: u32,
     /// The run's seed.
@@ -204,6 +206,7 @@ impl CostSummary {
     ) -> Self {
         let mut summary = Self {
             meta: options.meta.clone(),
+            commits: records.iter().filter_map(|r| r.commit.clone()).collect::<BTreeSet<_>>().into_iter().collect(),
             repeats: options.repeats,
             seed: options.seed,
             longest: options.longest,
@@ -396,7 +399,7 @@ impl CostSummary {
         let names: &[&str] = match (method.continuous, clock) {
             (true, "prepare") if method.name.ends_with("cloud") => &["volume", "voxel", "sample"],
             (true, "prepare") => &["volume", "voxel"],
-            (true, _) => &["image", "sample", "pixel", "voxel"],
+            (true, _) => &["image", "sample", "pixel", "brick"],
             (false, "prepare") => &["volume", "voxel"],
             (false, _) => &["image", "ray", "ray and voxel along an edge"],
         };
@@ -410,6 +413,7 @@ impl CostSummary {
                     "sample" | "ray" => budget,
                     "pixel" => s.pixels as f64,
                     "voxel" => voxels,
+                    "brick" => bricks_unpacked(voxels, budget),
                     "ray and voxel along an edge" => budget * voxels.cbrt(),
                     _ => 1.0,
                 };
@@ -439,6 +443,15 @@ impl CostSummary {
             worst_residual: fitted.residuals.into_iter().max_by(|a, b| a.abs().total_cmp(&b.abs()))?,
         })
     }
+}
+
+/// Voxels of a brick, which is unpacked as a whole when a sample falls into it.
+const BRICK: f64 = 256.0;
+
+/// Bricks into which at least one of so many samples falls, if all bricks weigh the same.
+fn bricks_unpacked(voxels: f64, samples: f64) -> f64 {
+    let bricks = voxels / BRICK;
+    -bricks * (-samples / bricks).exp_m1()
 }
 
 /// Terms that the timings can tell from the ones before: the constant, and what varies otherwise than those.

@@ -62,7 +62,7 @@ pub struct Args {
     /// Independent repeats of each image
     #[arg(long, value_name = "R", default_value_t = 5, help_heading = "Method")]
     repeats: u32,
-    /// Budgets are not raised further once an image takes longer than this, in seconds
+    /// Budgets are not raised further once a view takes longer than this, in seconds (sums over the volume apart)
     #[arg(long, value_name = "S", default_value_t = 1.0, help_heading = "Method")]
     longest: f64,
     /// Errors to reach, in percent of the mean pixel

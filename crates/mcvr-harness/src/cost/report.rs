@@ -51,6 +51,12 @@ fn meeting_line(run: &CostSummary, subject: &SubjectInfo, lane: usize) -> Option
     let rays = if here().any(|m| m.rays == ANY) { ANY } else { "march" };
     let last = here().filter(|m| m.rays == rays && m.crossing.first_for_larger);
     let best = last.min_by(|a, b| a.crossing.error.total_cmp(&b.crossing.error))?;
+    // A sampler that meets no ray caster within what was measured may still be the quickest further down.
+    let sampler = |row: &ReachRow| run.methods.iter().any(|m| m.name == row.method && m.continuous);
+    let finer = run.targets.iter().filter(|&&t| t < best.crossing.error);
+    if finer.filter_map(|&t| fastest(run, subject, lane, t)).any(sampler) {
+        return None;
+    }
     Some(format!(
         "Below {} error ({}) ray casting is quicker than all sampling; {} holds out longest.",
         percent(best.crossing.error),

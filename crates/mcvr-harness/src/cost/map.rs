@@ -166,9 +166,9 @@ fn draw<DB: DrawingBackend>(
     Ok(())
 }
 
-/// A label up to its first comma or bracket.
+/// A label up to its bracket; what follows a comma tells settings apart.
 fn short(label: &str) -> &str {
-    label.split([',', '(']).next().unwrap_or(label).trim()
+    label.split('(').next().unwrap_or(label).trim()
 }
 
 fn quickest<'a>(run: &'a CostSummary, lane: usize, clock: Clock, subject: &SubjectInfo, target: f64) -> Cell<'a> {

@@ -46,7 +46,7 @@ pub struct Record {
     pub psnr: Option<f64>,
     /// Mean signed error over the truth's mean pixel, dimensionless.
     pub bias: Option<f64>,
-    /// Standard error of `bias` over the pixels, dimensionless; see [`Comparison`](crate::Comparison).
+    /// Standard error of `bias` over the pixels, dimensionless; see [`Comparison`].
     pub bias_se: Option<f64>,
     /// Wall-clock time by phase, s.
     pub seconds: PhaseSeconds,

@@ -279,7 +279,7 @@ fn the_page_stands_alone_and_holds_tables_plots_and_images() {
     assert!(!page.contains("http://") && !page.contains("https://"), "nothing from outside");
     assert!(!page.contains("<script ") && !page.contains("@import") && !page.contains("url("));
     assert_eq!(page.matches("<script>").count(), 1);
-    assert_eq!(page.matches("<table").count(), 4);
+    assert_eq!(page.matches("<table").count(), 5);
     assert_eq!(page.matches("<svg").count(), 6, "three plots, each for a desk and for a phone");
     assert_eq!(page.matches(" download=").count(), 2);
     assert_eq!(page.matches("src=\"data:image/png;base64,").count(), 1 + 2 * 2 * 2);

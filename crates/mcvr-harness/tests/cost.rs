@@ -72,6 +72,7 @@ impl Method for Law {
         let call = self.calls.fetch_add(1, Ordering::Relaxed);
         if let Some((_, cancel)) = self.cancel_at.filter(|(at, _)| call >= *at) {
             cancel.store(true, Ordering::Relaxed);
+            return Err("stopped".into());
         }
         let truth = truth().image;
         let sigma = (self.error)(samples as f64) * truth.mean();
@@ -231,6 +232,15 @@ fn what_was_measured_is_kept_and_not_measured_again() {
     assert_eq!(keys.len(), all.len());
     let (_, same) = run(folder.path(), &[("blob", 1000)], &[&again], &NEVER);
     assert_eq!((again.calls.load(Ordering::Relaxed), same.points), (0, summary.points));
+}
+
+#[test]
+fn a_stop_before_the_first_measurement_is_no_failure() {
+    static STOP: AtomicBool = AtomicBool::new(false);
+    let folder = tempfile::tempdir().unwrap();
+    let stopping = Law { cancel_at: Some((0, &STOP)), ..sampler("mc") };
+    let (complete, summary) = run(folder.path(), &[("blob", 1000)], &[&stopping], &STOP);
+    assert!(!complete && summary.points.is_empty() && folder.path().join("report.html").is_file());
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 use std::sync::atomic::Ordering;
 
+use super::plots::threads;
 use super::points::{Point, points};
 use super::summary::{self, CostSummary, MethodInfo, SubjectInfo};
 use super::{CostOptions, Entrant, Subject};
@@ -56,8 +57,8 @@ impl CostRun {
 
     /// Measures all entrants of one subject: at each rung of the ladders every entrant in turn, repeat by repeat, starting
     /// with another one each time, so that a drift of the machine hits all alike. An entrant whose views take longer than
-    /// `longest` (what is done once for a volume apart), or whose error falls below ten times the truth's own, climbs no further. Before its first measurement
-    /// each makes one image that is not counted.
+    /// `longest` (what is done once for a volume apart), or whose error falls below ten times the truth's own, climbs no
+    /// further. Before its first measurement each makes one image that is not counted.
     ///
     /// Returns whether it was finished: `false` after `watch.cancel`; what was measured is on disk in any case.
     ///
@@ -92,10 +93,11 @@ impl CostRun {
                         continue;
                     }
                     (watch.progress)(done, total, &message(subject, entrant, budget));
-                    if warm.insert(index) {
-                        self.render(entrant, entrant.ladder[0], key.seed)?;
-                    }
-                    let rendered = match self.render(entrant, budget, key.seed) {
+                    let warmed = match warm.insert(index) {
+                        true => self.render(entrant, entrant.ladder[0], key.seed).map(drop),
+                        false => Ok(()),
+                    };
+                    let rendered = match warmed.and_then(|()| self.render(entrant, budget, key.seed)) {
                         // A method that watches the same flag may give up in the middle of an image.
                         Err(_) if cancelled() => return Ok(false),
                         other => other?,
@@ -113,7 +115,6 @@ impl CostRun {
             }
         }
         self.show_pictures(subject);
-        write_csv(&self.records, &self.options.out.join("records.csv"))?;
         Ok(true)
     }
 
@@ -274,12 +275,7 @@ impl CostRun {
 }
 
 fn message(subject: &Subject<'_>, entrant: &Entrant<'_>, budget: u64) -> String {
-    let threads = if entrant.threads == 1 { "1 thread".to_owned() } else { format!("{} threads", entrant.threads) };
-    format!(
-        "{}, {}, {}: {budget} {}",
-        subject.dataset,
-        subject.size,
-        entrant.method.label(),
-        entrant.method.budget_unit()
-    ) + &format!(", {threads}")
+    let (method, threads) = (entrant.method, threads(entrant.threads));
+    let [label, unit] = [method.label(), method.budget_unit()];
+    format!("{}, {}, {label}: {budget} {unit}, {threads}", subject.dataset, subject.size)
 }

@@ -8,6 +8,7 @@
 mod map;
 mod measure;
 mod model;
+mod models;
 mod output;
 mod plots;
 mod points;

@@ -9,7 +9,7 @@ pub const DRAMATIC: f64 = 10.0;
 
 /// Steps of the ray march in voxels, coarser and coarser.
 const STEPS: [f64; 7] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0];
-/// Tolerance of exact ray casting at its loosest: one ray a pixel and hardly a pixel subdivided.
+/// Tolerance of exact ray casting at its loosest here.
 const LOOSE: f64 = 0.1;
 /// Budget that gives the cost of one more sample.
 const MANY: u64 = 1 << 24;

@@ -133,10 +133,7 @@ fn plain_setup(args: &Args, quiet: bool) -> anyhow::Result<Setup> {
     }
     let (effects, tone, budget) = (EffectArgs::default(), ToneArgs::default(), BudgetArgs::default());
     let mut setup = setup(&volume, &args.density, &args.view, &args.method, &budget, &tone, &effects)?;
-    if setup.views.len() > 1 {
-        let labels: Vec<&str> = setup.views.iter().map(|v| v.label.as_str()).collect();
-        bail!("claims are tested with one camera, and the scene has {}: choose with --camera", labels.join(", "));
-    }
+    setup.check_one_camera("claims")?;
     let mut notes = std::mem::take(&mut setup.notes);
     if !setup.scenery.effects.is_plain() {
         notes.push("the claims are about plain X-rays; the scene's effects play no part".into());

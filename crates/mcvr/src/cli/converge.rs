@@ -100,10 +100,7 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         &ToneArgs::default(),
         &args.effects,
     )?;
-    if setup.views.len() > 1 {
-        let labels: Vec<&str> = setup.views.iter().map(|v| v.label.as_str()).collect();
-        bail!("converge measures one camera, and the scene has {}: choose with --camera", labels.join(", "));
-    }
+    setup.check_one_camera("converge")?;
     setup.check_effects()?;
     if setup.film.is_transmission() && !quiet {
         say!("mcvr: note: the line integral is measured; the scene's film plays no part");

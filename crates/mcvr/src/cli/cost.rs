@@ -203,10 +203,7 @@ fn subject_setup(args: &Args, volume: &VolumeArgs) -> anyhow::Result<Setup> {
         &ToneArgs::default(),
         &args.effects,
     )?;
-    if setup.views.len() > 1 {
-        let labels: Vec<&str> = setup.views.iter().map(|v| v.label.as_str()).collect();
-        bail!("cost measures one camera, and the scene has {}: choose with --camera", labels.join(", "));
-    }
+    setup.check_one_camera("cost")?;
     setup.check_effects()?;
     if !setup.scenery.effects.is_plain() && args.methods.contains(&Entry::Cloud) {
         bail!("--methods: a cloud holds positions only and shows the plain X-ray; leave out cloud, or the effects");

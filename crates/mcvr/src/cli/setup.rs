@@ -210,6 +210,15 @@ pub fn camera(
 }
 
 impl Setup {
+    /// Refuses scenes of several cameras, which a measurement cannot have.
+    pub fn check_one_camera(&self, command: &str) -> anyhow::Result<()> {
+        if self.views.len() > 1 {
+            let labels: Vec<&str> = self.views.iter().map(|v| v.label.as_str()).collect();
+            bail!("{command} measures one camera, and the scene has {}: choose with --camera", labels.join(", "));
+        }
+        Ok(())
+    }
+
     /// Refuses effects that a camera cannot have, before the work.
     pub fn check_effects(&self) -> anyhow::Result<()> {
         for view in &self.views {

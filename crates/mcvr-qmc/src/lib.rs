@@ -3,6 +3,8 @@
 //! The first coordinate chooses the voxel by inversion of the running sum of weights, which alone keeps low
 //! discrepancy (an alias table destroys it); it is already sorted. The Sobol coordinates place the sample in
 //! the kernel. For `M = 2^m` the points form a (1, m, 4)-net; any other M works, with a little less evenness.
+//! The four-dimensional [`SobolSequence`] is for images that are refined: its passes add to each other, and each is sorted
+//! as well.
 //!
 //! ```
 //! use mcvr_qmc::{Scramble, SobolNet};
@@ -11,9 +13,12 @@
 //! assert_eq!(net.samples(), 1 << 20);
 //! ```
 
+mod axis;
 mod net;
 mod scramble;
+mod sequence;
 pub mod sobol;
 
 pub use net::SobolNet;
 pub use scramble::Scramble;
+pub use sequence::{SobolRun, SobolSequence};

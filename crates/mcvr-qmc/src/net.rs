@@ -1,14 +1,12 @@
 //! The sorted Sobol net as a point stream.
 
-use mcvr_sampling::rng::{Purpose, hash, xor};
+use mcvr_sampling::rng::{Purpose, hash};
 use mcvr_sampling::{BLOCK, PointBlock, PointStream, Strata};
 
 use crate::Scramble;
-use crate::scramble::{Scrambled, owen};
-use crate::sobol::{columns, point};
-
-/// Points that share their high index bits; their digits differ by a table look-up.
-const RUN: usize = 1024;
+use crate::axis::Axis;
+use crate::scramble::Scrambled;
+use crate::sobol::columns;
 
 /// `(k/M, Sobol_1(k), Sobol_2(k), Sobol_3(k))`, k = 0..M, scrambled by a seed.
 ///
@@ -20,21 +18,10 @@ pub struct SobolNet {
     axes: [Axis; 3],
 }
 
-#[derive(Clone, Debug)]
-struct Axis {
-    scrambled: Scrambled,
-    /// First 32 digits of the points 0..RUN, before the shift.
-    table: Vec<u32>,
-}
-
 impl SobolNet {
     /// A net of `samples` points; a power of two is evenest.
     pub fn new(samples: u64, seed: u64, scramble: Scramble) -> Self {
-        let axes = std::array::from_fn(|axis| {
-            let scrambled = Scrambled::new(columns(axis), scramble, seed, axis);
-            let table = (0..RUN as u64).map(|i| (point(&scrambled.columns, i) >> 32) as u32).collect();
-            Axis { scrambled, table }
-        });
+        let axes = std::array::from_fn(|axis| Axis::new(Scrambled::new(columns(axis), scramble, seed, axis), samples));
         let shift = if scramble == Scramble::None { 0 } else { hash(&[seed, Purpose::Shift as u64]) as u32 };
         Self { samples, shift, axes }
     }
@@ -42,11 +29,7 @@ impl SobolNet {
     /// First 32 digits of the three kernel coordinates of point `index`, one by one: the plain definition
     /// that [`PointStream::fill`] must agree with.
     pub fn digits(&self, index: u64) -> [u32; 3] {
-        std::array::from_fn(|a| {
-            let s = &self.axes[a].scrambled;
-            let digits = ((point(&s.columns, index) ^ s.shift) >> 32) as u32;
-            s.owen.map_or(digits, |seed| owen(digits, seed))
-        })
+        std::array::from_fn(|a| self.axes[a].digits(index))
     }
 }
 
@@ -59,14 +42,7 @@ impl PointStream for SobolNet {
         let first = block * BLOCK as u64;
         Strata::new(first, total, self.samples).fill(self.shift, &mut out.targets);
         for (axis, uniforms) in self.axes.iter().zip(&mut out.uniforms) {
-            let s = &axis.scrambled;
-            for (run, words) in uniforms.chunks_mut(RUN).enumerate() {
-                let base = ((point(&s.columns, first + (run * RUN) as u64) ^ s.shift) >> 32) as u32;
-                match s.owen {
-                    None => xor(base, &axis.table, words),
-                    Some(seed) => words.iter_mut().zip(&axis.table).for_each(|(w, t)| *w = owen(base ^ t, seed)),
-                }
-            }
+            axis.fill(first, uniforms);
         }
     }
 }

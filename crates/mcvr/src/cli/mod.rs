@@ -29,6 +29,7 @@ mod process;
 mod progress;
 mod project;
 mod radiograph;
+mod refined;
 mod render;
 mod sample;
 mod schema;

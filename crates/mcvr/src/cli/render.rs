@@ -10,6 +10,7 @@ use mcvr::{Made, Method, make};
 use serde_json::{Value, json};
 
 use super::args::{ImageArgs, ToneArgs};
+use super::refined::{self, ErrorArgs};
 use super::setup::{Setup, Viewpoint, image_setup};
 use super::{Interrupted, outputs, process, progress, radiograph};
 
@@ -17,6 +18,8 @@ use super::{Interrupted, outputs, process, progress, radiograph};
 #[command(after_help = "Examples:\n  \
     mcvr render phantom:lobster -o lobster.png\n  \
     mcvr render scan.nii.gz --view 0,90 --samples 2^24 --estimand line -o scan.exr --json scan.json\n  \
+    mcvr render scan.nii.gz --error 2% -o scan.exr       as many samples as 2 % needs; error bars in the file\n  \
+    mcvr render scan.nii.gz --time 2s -o scan.png        what two seconds give, and how wrong it is\n  \
     mcvr render head.raw --dims 256,256,113 --type u16 --endian be --spacing 1,1,2 --emphasis 1200,8 -o head.png\n  \
     mcvr render chest.mha --map hounsfield:60keV --photons 1e4 -o radiograph.png --deep\n  \
     mcvr render head.nrrd --shade --depth-cue --light around:60,30 -o shaded.png\n  \
@@ -32,6 +35,8 @@ pub struct Args {
     /// Write what was done, with geometry, times and counters, as JSON; - for standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    #[command(flatten)]
+    error: ErrorArgs,
     #[command(flatten)]
     tone: ToneArgs,
 }
@@ -58,6 +63,10 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         let channels = setup.scenery.effects.look(setup.scenery.volume.grid(), &view.camera)?.channels();
         check_image_memory(view.camera.extent(), channels, &formats)?;
     }
+    let refinement = args.error.refinement(&setup, args.image.budget.samples, false)?;
+    if let Some(refinement) = &refinement {
+        refined::check_memory(&setup, refinement)?;
+    }
     let samples = setup.request.samples;
     // More than the method's own limit is refused for that.
     if setup.request.method == Method::McQuicksort && samples <= Method::QUICKSORT_LIMIT {
@@ -71,8 +80,11 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
             args.outputs.iter().map(|p| if one { p.clone() } else { labelled(p, label) }).collect();
         setup.scenery.camera = camera.clone();
         setup.view.clone_from(words);
-        let made = render(&setup, quiet)?;
-        let film_made = radiograph::develop(&film, &setup, &made)?;
+        let refined = refinement.as_ref().map(|r| refined::run(&setup, r, quiet, |_, _, _| Ok(()))).transpose()?;
+        let plain = if refined.is_none() { Some(render(&setup, quiet)?) } else { None };
+        let Some(made) = refined.as_ref().map(|r| &r.made).or(plain.as_ref()) else { continue };
+        remark(&setup, made);
+        let film_made = radiograph::develop(&film, &setup, made)?;
         let writing = Instant::now();
         for (path, format) in outputs.iter().zip(&formats) {
             match (&film_made, &made.colour) {
@@ -82,7 +94,10 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
             }
         }
         let seconds = [writing.elapsed().as_secs_f64(), begin.elapsed().as_secs_f64()];
-        let mut record = record(&setup, &made, &outputs, seconds);
+        let mut record = record(&setup, made, &outputs, seconds);
+        if let Some((refinement, refined)) = refinement.as_ref().zip(refined.as_ref()) {
+            record["error"] = refined::record(refinement, refined);
+        }
         if let Some(r) = &film_made {
             record["unit"] = json!("transmission");
             record["film"] = radiograph::record(&film, r, setup.request.seed);
@@ -92,7 +107,10 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         }
         records.push(record);
         if !quiet {
-            summarise(&setup, &made, &outputs);
+            summarise(&setup, made, &outputs);
+            if let Some((refinement, refined)) = refinement.as_ref().zip(refined.as_ref()) {
+                refined::summarise(refinement, refined);
+            }
             if let Some(r) = &film_made {
                 radiograph::summarise(&film, r);
             }
@@ -128,7 +146,7 @@ fn labelled(path: &Path, label: &str) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// Makes the image with a progress bar; warns of mass that the density map dropped or the near plane cut.
+/// Makes the image with a progress bar.
 fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
     let cancel = progress::interrupt_flag();
     let total = match setup.request.method {
@@ -152,6 +170,12 @@ fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
             samples.next_power_of_two()
         );
     }
+    Ok(made)
+}
+
+/// Warns of mass that the density map dropped or the near plane cut, and of a tolerance that was missed.
+fn remark(setup: &Setup, made: &Made) {
+    let method = setup.request.method;
     if made.mass.negative > 0 {
         let share = 100.0 * made.mass.dropped / made.mass.weight_sum;
         let hint = match setup.scenery.map.transfer {
@@ -184,14 +208,13 @@ fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
         );
     }
     let tolerance = setup.request.tolerance;
-    if let Some(error) = made.error.filter(|e| *e > tolerance) {
+    if let Some(error) = made.error.filter(|e| method == Method::Exact && *e > tolerance) {
         eprintln!(
             "mcvr: warning: the tolerance of {tolerance:e} was not met: {} pixels were subdivided to the limit, and the own \
              error estimate is {error:.2e}",
             made.counters["depth_limited"]
         );
     }
-    Ok(made)
 }
 
 fn record(setup: &Setup, made: &Made, outputs: &[PathBuf], [write, total]: [f64; 2]) -> Value {
@@ -263,7 +286,7 @@ fn summarise(setup: &Setup, made: &Made, outputs: &[PathBuf]) {
         rayon::current_num_threads(),
         setup.load_seconds
     );
-    if let Some(error) = made.error {
+    if let Some(error) = made.error.filter(|_| setup.request.method == Method::Exact) {
         say!("own error estimate: {error:.2e} of the mean pixel (RMS)");
     }
 }

@@ -229,7 +229,10 @@ mod tests {
                 assert_eq!((outcome.is_ok(), read(&path).unwrap().get(0, 1)), (true, -1e39));
             } else {
                 let message = outcome.unwrap_err().to_string();
-                assert!(message.contains("-1e39") && message.contains("(0, 1)") && message.contains(".npy"), "{message}");
+                assert!(
+                    message.contains("-1e39") && message.contains("(0, 1)") && message.contains(".npy"),
+                    "{message}"
+                );
                 assert!(!path.exists());
             }
             for kept in [f64::INFINITY, f64::from(f32::MAX)] {

@@ -106,7 +106,9 @@ pub fn write_error(
 fn check(channels: &[&Image], bars: &[ErrorBars<'_>]) -> Result<(), String> {
     if !matches!((channels.len(), bars.len()), (1 | 3, 1) | (3, 3)) {
         let (channels, bars) = (channels.len(), bars.len());
-        return Err(format!("{channels} channels with {bars} error bars: one or three channels, and one bar or as many"));
+        return Err(format!(
+            "{channels} channels with {bars} error bars: one or three channels, and one bar or as many"
+        ));
     }
     let extent = channels[0].extent();
     match channels.iter().copied().chain(bars.iter().flat_map(ErrorBars::layers)).find(|i| i.extent() != extent) {

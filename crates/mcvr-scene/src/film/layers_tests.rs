@@ -6,7 +6,8 @@ const NAMES: [&str; 4] = ["stderr.Y", "low.Y", "high.Y", "unresolved.Y"];
 /// Values that no two layers, channels or pixels share; every third pixel is unresolved.
 fn image(key: usize) -> Image {
     let extent = Extent::new(7, 5).unwrap();
-    let values = (0..35).map(|i| if key % 10 == 9 { f64::from(i % 3 == 0) } else { (i as f64 + 0.1) / (key + 3) as f64 });
+    let values =
+        (0..35).map(|i| if key % 10 == 9 { f64::from(i % 3 == 0) } else { (i as f64 + 0.1) / (key + 3) as f64 });
     Image::from_values(extent, values.collect()).unwrap()
 }
 
@@ -184,6 +185,15 @@ fn damaged_layers_are_errors() {
         std::fs::write(&path, &whole[..cut]).unwrap();
         assert!(read_layers(&path).is_err(), "cut at {cut} of {}", whole.len());
     }
+    // A picture of 60,000 x 60,000 pixels in some 2,000 bytes: 100 GB that no file of that length can fill.
+    let mut bytes = whole.clone();
+    for window in [&b"dataWindow\0box2i\0"[..], b"displayWindow\0box2i\0"] {
+        let at = bytes.windows(window.len()).position(|w| w == window).unwrap() + window.len() + 4;
+        bytes[at + 8..at + 16].copy_from_slice(&[59_999i32.to_le_bytes(); 2].concat());
+    }
+    std::fs::write(&path, &bytes).unwrap();
+    let message = read_layers(&path).unwrap_err().to_string();
+    assert!(message.contains("promises"), "{message}");
     // Whatever a wrong byte means, it is read or refused.
     for at in 0..whole.len() {
         let mut bytes = whole.clone();

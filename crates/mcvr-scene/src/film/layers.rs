@@ -5,16 +5,6 @@
 //! All layers stand in one part, not in a part each, since programs that know no parts then still show the picture: they look
 //! for R, G and B and leave the rest alone. A grey picture has equal R, G and B here for the same reason, as
 //! [`write()`](super::write()) has it.
-//!
-//! | layer | a pixel's value |
-//! |---|---|
-//! | none (R, G, B) | the estimate |
-//! | `stderr` | standard error of the estimate, in the estimate's unit |
-//! | `low`, `high` | ends of its confidence interval, in the same unit |
-//! | `unresolved` | 1 where no sample fell, else 0: there the standard error of 0 says nothing |
-//!
-//! The header attribute `confidence` (`double`) is the level of the intervals, 0.95 for 95 %. Values are 32-bit floats, rounded
-//! to the nearest and packed without loss (ZIP).
 
 use std::fs::File;
 use std::io::BufWriter;
@@ -31,6 +21,19 @@ use super::{Image, ImageFormat, Tone, write, write_colour};
 use crate::{Extent, SceneError};
 
 /// How well every pixel of an image, or of one of its three channels, is known. All have the image's size and unit.
+///
+/// In OpenEXR files these are layers, that is, prefixes of channel names: `stderr.Y` belongs to a grey image, `stderr.R`, `stderr.G`
+/// and `stderr.B` to a coloured one.
+///
+/// | layer | a pixel's value |
+/// |---|---|
+/// | none: R, G, B | the estimate; of a grey image, three times the same |
+/// | `stderr` | standard error of the estimate, in the estimate's unit |
+/// | `low`, `high` | ends of its confidence interval, in the same unit |
+/// | `unresolved` | 1 where no sample fell, else 0: there a standard error of 0 says nothing |
+///
+/// The header's attribute `confidence` (`double`) is the level of the intervals, 0.95 for 95 %. Values are 32-bit floats, rounded
+/// to the nearest and packed without loss (ZIP).
 #[derive(Clone, Copy, Debug)]
 pub struct ErrorBars<'a> {
     /// Standard error of the estimate, as a standard deviation.

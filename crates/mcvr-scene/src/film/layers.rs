@@ -1,9 +1,9 @@
 //! An image and how well it is known, in files.
 //!
-//! OpenEXR keeps such figures as *layers* of one picture: a layer is a prefix of channel names, joined by a dot, as in
-//! `stderr.Y` (*Technical Introduction to OpenEXR*, "Layers"; `Y` is its name for luminance, the one channel of a grey picture).
-//! All layers stand in one part, not in a part each, since programs that know no parts then still show the picture: they look
-//! for R, G and B and leave the rest alone. A grey picture has equal R, G and B here for the same reason, as
+//! OpenEXR keeps such figures as *layers* of one picture: a layer is a prefix of channel names, joined by a dot, as in `stderr.Y`
+//! (*Technical Introduction to OpenEXR*, "Channel Names" and "Layers"; `Y` is its name for luminance, the one channel of a grey
+//! picture). All layers stand in one part, not in a part each, since programs that know no parts then still show the picture:
+//! they look for R, G and B and leave the rest alone. A grey picture has equal R, G and B here for the same reason, as
 //! [`write()`](super::write()) has it.
 
 use std::fs::File;
@@ -22,8 +22,8 @@ use crate::{Extent, SceneError};
 
 /// How well every pixel of an image, or of one of its three channels, is known. All have the image's size and unit.
 ///
-/// In OpenEXR files these are layers, that is, prefixes of channel names: `stderr.Y` belongs to a grey image, `stderr.R`, `stderr.G`
-/// and `stderr.B` to a coloured one.
+/// In OpenEXR files these are layers, that is, prefixes of channel names: `stderr.Y` belongs to a grey image, `stderr.R`,
+/// `stderr.G` and `stderr.B` to a coloured one.
 ///
 /// | layer | a pixel's value |
 /// |---|---|

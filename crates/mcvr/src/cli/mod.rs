@@ -25,8 +25,13 @@ mod orbit;
 mod outputs;
 mod plan;
 mod plan_text;
+// Until `render` calls them.
+#[allow(dead_code)]
+mod preview;
 mod process;
 mod progress;
+#[allow(dead_code)]
+mod progressive;
 mod project;
 mod radiograph;
 mod refined;

@@ -26,11 +26,9 @@ mod outputs;
 mod plan;
 mod plan_text;
 // Until `render` calls them.
-#[allow(dead_code)]
 mod preview;
 mod process;
 mod progress;
-#[allow(dead_code)]
 mod progressive;
 mod project;
 mod radiograph;
@@ -40,6 +38,7 @@ mod sample;
 mod schema;
 mod setup;
 mod truth;
+mod watching;
 
 use std::process::ExitCode;
 

@@ -4,7 +4,8 @@ use std::ops::ControlFlow;
 
 use anyhow::bail;
 use clap::Args;
-use mcvr::refinement::{Goal, Limits, Look, PixelGoal, Snapshot, Stop};
+use mcvr::qmc::Scramble;
+use mcvr::refinement::{Bars, Goal, Limits, Look, PixelGoal, Snapshot, Stop};
 use mcvr::scene::Watch;
 use mcvr::{MadeRefined, Method, Refinement, refine};
 use serde_json::{Value, json};
@@ -49,15 +50,21 @@ fn replicates(text: &str) -> Result<u32, String> {
 }
 
 impl ErrorArgs {
-    /// The refinement that is asked for, if any is. `samples` is what was given, and `watched` asks for a picture after each
-    /// doubling of the samples.
-    pub fn refinement(&self, setup: &Setup, samples: Option<u64>, watched: bool) -> anyhow::Result<Option<Refinement>> {
+    /// The refinement that is asked for, if any is. `samples` is what was given; `wanted` says that something else needs it, and
+    /// `doubling` that someone watches it pass by pass.
+    pub fn refinement(
+        &self,
+        setup: &Setup,
+        samples: Option<u64>,
+        wanted: bool,
+        doubling: bool,
+    ) -> anyhow::Result<Option<Refinement>> {
         let goal = Goal {
             error: self.error,
             pixel: self.error_pixel,
             confidence: self.confidence.unwrap_or(Goal::default().confidence),
         };
-        let asked = goal.errors() > 0 || self.time.is_some() || self.replicates.is_some() || watched;
+        let asked = goal.errors() > 0 || self.time.is_some() || self.replicates.is_some() || wanted;
         if !asked {
             if self.confidence.is_some() {
                 bail!("--confidence is that of an error: give --error, --error-pixel, --time or --replicates with it");
@@ -81,9 +88,19 @@ impl ErrorArgs {
         if samples < u64::from(replicates) {
             bail!("--samples {samples}: at least one for each of the {replicates} replicates");
         }
+        if setup.request.scramble == Scramble::None && method == Method::Qmc {
+            bail!("--scramble none makes all replicates alike, so their error cannot be seen; use linear or owen");
+        }
         let limits = Limits { samples, seconds: self.time };
-        Ok(Some(Refinement { replicates, goal, limits, doubling: watched }))
+        Ok(Some(Refinement { replicates, goal, limits, doubling }))
     }
+}
+
+/// What is known of the error of an image.
+pub struct Known {
+    pub bars: Vec<Bars>,
+    pub looks: Vec<Look>,
+    pub stop: Stop,
 }
 
 /// Refuses replicates that will not fit into memory: 8 bytes a pixel, channel and replicate, and the error bars.
@@ -139,7 +156,7 @@ fn message(look: &Look) -> String {
 }
 
 /// The error as the JSON record has it.
-pub fn record(refinement: &Refinement, made: &MadeRefined) -> Value {
+pub fn record(refinement: &Refinement, made: &Known) -> Value {
     let last = made.looks.last();
     json!({
         "replicates": refinement.replicates,
@@ -157,7 +174,7 @@ pub fn record(refinement: &Refinement, made: &MadeRefined) -> Value {
 }
 
 /// What is said about the error.
-pub fn summarise(refinement: &Refinement, made: &MadeRefined) {
+pub fn summarise(refinement: &Refinement, made: &Known) {
     let Some(last) = made.looks.last() else { return };
     let confidence = 100.0 * refinement.goal.confidence;
     let percent = mcvr::harness::format::percent;
@@ -195,8 +212,8 @@ pub fn summarise(refinement: &Refinement, made: &MadeRefined) {
 }
 
 /// Largest upper end among the unresolved pixels.
-fn unresolved_bound(made: &MadeRefined) -> f64 {
-    let of = |b: &mcvr::refinement::Bars| {
+fn unresolved_bound(made: &Known) -> f64 {
+    let of = |b: &Bars| {
         let ends = b.high.values().iter().zip(b.unresolved.values());
         ends.filter(|(_, u)| **u > 0.0).map(|(h, _)| *h).fold(0.0, f64::max)
     };

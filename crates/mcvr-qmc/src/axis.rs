@@ -30,7 +30,7 @@ impl Axis {
         s.owen.map_or(digits, |seed| owen(digits, seed))
     }
 
-    /// First 32 digits of the points from `first` on, a multiple of [`RUN`].
+    /// First 32 digits of the points from `first` on, a multiple of [`RUN`] or of the words' number.
     pub(crate) fn fill(&self, first: u64, words: &mut [u32]) {
         let s = &self.scrambled;
         for (run, words) in words.chunks_mut(RUN).enumerate() {

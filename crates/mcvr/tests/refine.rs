@@ -42,8 +42,7 @@ fn effects() -> [(&'static str, Effects); 3] {
     let position = LightPosition::Around { azimuth: 100.0, elevation: 25.0, distance: Some(25.0) };
     let light = |colour: &str| Light { position, colour: colour.parse().unwrap(), intensity: 1.5 };
     let shading = Some(Shading { sides: Sides::Two });
-    let bone =
-        Material { name: None, from: Some(180.0), to: None, colour: "#ff8000".parse().unwrap(), weight: 2.0 };
+    let bone = Material { name: None, from: Some(180.0), to: None, colour: "#ff8000".parse().unwrap(), weight: 2.0 };
     [
         ("shaded", Effects { light: light("#ffffff"), shading, ..Effects::default() }),
         ("tinted", Effects { light: light("#ff8040"), shading, ..Effects::default() }),
@@ -113,8 +112,7 @@ fn refined_images_are_unbiased_and_so_are_the_squares_of_their_errors() {
         for method in METHODS {
             let (seeds, samples) = (64, 1u64 << 15);
             let request = |seed| Request { method, estimand, seed, ..Request::default() };
-            let made: Vec<MadeRefined> =
-                (0..seeds).map(|s| refined(&scenery, &request(s), &direct(samples))).collect();
+            let made: Vec<MadeRefined> = (0..seeds).map(|s| refined(&scenery, &request(s), &direct(samples))).collect();
             let images: Vec<Image> = made.iter().map(|m| m.made.image.clone()).collect();
             let label = format!("refined {method} {estimand}");
             nothing_strays(&label, &truth, &images);
@@ -167,9 +165,9 @@ fn intervals_hold_the_truth_as_often_as_they_say() {
             let run = refined(&scenery, &Request { method, seed: 1000 + seed, ..Request::default() }, &direct(1 << 17));
             for (shares, stratum) in shares.iter_mut().zip([&seen[..third], &seen[seen.len() - third..]]) {
                 let bars = &run.bars[0];
-                let held = stratum.iter().filter(|&&p| {
-                    (bars.low.values()[p]..=bars.high.values()[p]).contains(&truth.values()[p])
-                });
+                let held = stratum
+                    .iter()
+                    .filter(|&&p| (bars.low.values()[p]..=bars.high.values()[p]).contains(&truth.values()[p]));
                 shares.push(held.count() as f64 / stratum.len() as f64);
             }
         }

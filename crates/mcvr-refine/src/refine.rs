@@ -228,7 +228,7 @@ fn wanted(looks: &[Look], number: usize, goal: &Goal) -> u64 {
         _ => 0.5,
     };
     // A slope of no meaning (NaN) becomes the lower limit.
-    let slope = slope.max(0.5).min(0.75);
+    let slope = if slope > 0.5 { slope.min(0.75) } else { 0.5 };
     let over = |asked: Option<f64>, known: Option<f64>| asked.zip(known).map(|(a, k)| USUAL * k / a);
     let e = &last.estimate;
     let ahead = [over(goal.error, e.error), over(goal.pixel.map(|p| p.error), e.pixel_error)];

@@ -246,9 +246,8 @@ fn a_camera_that_sees_nothing_is_black_and_exact() {
     let mut camera = speckled_scene(&away).camera;
     // The same narrow camera, turned to look past the volume: a shift of its principal point by many images.
     let mut matrix = camera.world_to_pixel();
-    for column in 0..4 {
-        matrix[0][column] += 1e4 * matrix[2][column];
-    }
+    let [across, _, depth] = &mut matrix;
+    across.iter_mut().zip(depth).for_each(|(a, d)| *a += 1e4 * *d);
     camera = mcvr::scene::Camera::from_matrix(matrix, camera.extent(), scenery.volume.grid(), None).unwrap();
     scenery.camera = camera;
     let run = refined(&scenery, &Request::default(), &to_error(0.01));

@@ -195,8 +195,8 @@ pub fn summarise(refinement: &Refinement, made: &Known) {
     if unresolved > 0 {
         let pixels: u64 = made.bars.iter().map(|b| b.high.extent().pixels() as u64).sum();
         say!(
-            "{unresolved} of {pixels} pixels have no sample: not 0 for certain, but at most {:.3e} there, with {confidence} % confidence",
-            unresolved_bound(made)
+            "{unresolved} of {pixels} pixels have no sample: air, or at most {} of the mean pixel with {confidence} % confidence",
+            percent(unresolved_bound(made) / e.mean)
         );
     }
     match made.stop {

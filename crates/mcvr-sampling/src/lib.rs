@@ -23,6 +23,7 @@ mod order;
 mod project;
 mod real;
 pub mod rng;
+mod running;
 mod simd;
 mod stored;
 mod stream;

@@ -194,15 +194,14 @@ mod tests {
         }
     }
 
-    /// Knuth's table 1 of section 3.3.4: the multiplier 3141592653 modulo 2^35 has shortest dual vectors of square length
-    /// 2997222016, 1026446, 27822 in 2, 3 and 4 dimensions.
+    /// RANDU, 65539 modulo 2^31, is bad because `9 - 6 a + a² = (a - 3)² = 2^32`: a vector of square length 118, which is the
+    /// shortest of three dimensions in Knuth's table of section 3.3.4, as 116 is of four.
     #[test]
-    fn a_published_spectral_test_comes_out() {
-        let (multiplier, samples) = (3_141_592_653, 1u64 << 35);
-        let z = korobov(multiplier, samples);
-        for (dimension, square) in [(2, 2_997_222_016), (3, 1_026_446), (4, 27_822)] {
-            let shortest = dual(&z, &[1, 2, 3][..dimension - 1], samples)[0];
-            assert_eq!(dot(&shortest, &shortest), square, "{dimension}");
+    fn the_famous_planes_of_randu_are_found() {
+        let z = korobov(65539, 1 << 31);
+        for (others, square) in [(&[1, 2][..], 118), (&[1, 2, 3], 116)] {
+            let shortest = dual(&z, others, 1 << 31)[0];
+            assert_eq!(dot(&shortest, &shortest), square, "{others:?} {shortest:?}");
         }
     }
 

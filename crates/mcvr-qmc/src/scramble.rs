@@ -45,7 +45,9 @@ impl std::str::FromStr for Scramble {
     type Err = String;
     fn from_str(s: &str) -> Result<Self, String> {
         let found = Self::ALL.iter().find(|(n, _)| *n == s);
-        found.map(|(_, v)| *v).ok_or_else(|| format!("unknown scramble '{s}'; one of linear, owen, nested, shift, none"))
+        found
+            .map(|(_, v)| *v)
+            .ok_or_else(|| format!("unknown scramble '{s}'; one of linear, owen, nested, shift, none"))
     }
 }
 
@@ -150,7 +152,8 @@ mod tests {
     fn prefixes_have_independent_fair_coins() {
         let n = 4000u32;
         // (digits, which of them): the prefix is what comes before.
-        let prefixes = [(0u32, 0u32), (0, 1), (1 << 31, 1), (0, 5), (0, 6), (1 << 26, 6), (0x1234_5678, 17), (0x1234_5678, 31)];
+        let prefixes =
+            [(0u32, 0u32), (0, 1), (1 << 31, 1), (0, 5), (0, 6), (1 << 26, 6), (0x1234_5678, 17), (0x1234_5678, 31)];
         for (i, &(a, da)) in prefixes.iter().enumerate() {
             for &(b, db) in &prefixes[..i] {
                 let mut outcomes = [0u32; 4];

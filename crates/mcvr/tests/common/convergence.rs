@@ -101,4 +101,3 @@ pub fn not_steep(name: &str, errors: &[Vec<f64>]) -> Option<String> {
     println!("{name}: slope {b:.4} ± {se:.4}");
     (b + critical(LEVEL) * se >= -0.5).then(|| format!("{name}: slope {b:.4} ± {se:.4} is not below -1/2"))
 }
-

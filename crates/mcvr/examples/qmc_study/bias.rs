@@ -15,8 +15,8 @@ const LEVEL: u32 = 22;
 const QUICK_LEVEL: u32 = 12;
 /// Error that is asked of the truth, over its mean pixel: a tenth of the least error there is to check.
 const TOLERANCE: f64 = 1e-2;
-/// A squared bias so many standard errors above the truth's own squared error is one: with 8 replicates a false alarm has
-/// probability 3e-4 by Student's t, half a percent over all methods.
+/// A squared bias so many standard errors above the truth's own squared error is one: with 16 replicates a false alarm has
+/// probability 1e-5 by Student's t.
 pub const LIMIT: f64 = 6.0;
 
 pub struct Check {

@@ -107,6 +107,8 @@ impl Entrant {
             Points::Passes | Points::Restarts => &[],
             _ if quick => &[10, 12, 14],
             Points::Exchanged(_) => &[18, 22],
+            // Several times the time of the others: enough to see whether the fast scrambles err as it does.
+            Points::Net(Scramble::Nested) => &[18, 20, 22],
             Points::Net(Scramble::Linear) if self.name == NET => &[18, 20, 22, 24, 26, 28],
             _ => &[18, 20, 22, 24, 26],
         }
@@ -117,6 +119,7 @@ impl Entrant {
         match self.points {
             Points::Exchanged(_) => &[],
             _ if quick => &[12, 14],
+            Points::Net(Scramble::Nested) => &[18, 20, 22],
             _ => &[18, 20, 22, 24, 26],
         }
     }

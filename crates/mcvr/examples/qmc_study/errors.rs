@@ -8,10 +8,15 @@ use crate::records::{Circumstances, Key, Log, Record};
 use crate::scans::Scene;
 use crate::{Options, Outcome};
 
-/// Images of an error up to 2^[`MANY_UP_TO`] samples, and beyond.
-const MANY: usize = 8;
-const FEW: usize = 4;
-const MANY_UP_TO: u32 = 22;
+/// Images of an error: errors of low-discrepancy points go up and down together over all pixels, so that many are needed.
+fn replicates(level: u32) -> usize {
+    match level {
+        ..=18 => 24,
+        ..=22 => 16,
+        ..=24 => 8,
+        _ => 4,
+    }
+}
 
 /// Sums over the pixels of what follows from replicates.
 pub struct Spread {
@@ -68,11 +73,11 @@ pub fn measure(options: &Options, scene: &Scene<'_>, log: &mut Log) -> Outcome<(
                 continue;
             }
             let start = std::time::Instant::now();
-            let replicates = options.replicates.unwrap_or(if level <= MANY_UP_TO { MANY } else { FEW });
+            let number = options.replicates.unwrap_or(replicates(level));
             let images: Vec<Image> =
-                (0..replicates).map(|r| entrant.image(scene, level, entrant.seed(level, r))).collect::<Outcome<_>>()?;
+                (0..number).map(|r| entrant.image(scene, level, entrant.seed(level, r))).collect::<Outcome<_>>()?;
             let spread = Spread::of(&images, None);
-            let standard_error = jackknife(replicates, |r| Spread::of(&images, Some(r)).rel_rmse());
+            let standard_error = jackknife(number, |r| Spread::of(&images, Some(r)).rel_rmse());
             println!(
                 "{}, 2^{level}, {}: {:.3} % ± {:.3}, {:.1} s",
                 scene.label(),
@@ -93,7 +98,7 @@ pub fn measure(options: &Options, scene: &Scene<'_>, log: &mut Log) -> Outcome<(
             }
             log.append(Record::Error {
                 key,
-                replicates,
+                replicates: number,
                 rel_rmse: spread.rel_rmse(),
                 standard_error,
                 circumstances: Circumstances::now(options.quick),

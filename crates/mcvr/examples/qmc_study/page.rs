@@ -10,7 +10,7 @@ use crate::{Outcome, plots, sections};
 
 const INTRODUCTION: &str = "`line` images of 400×400 pixels, kernel `tent`. **Error**: RMSE over the mean pixel without a truth: the root of \
 the sample variance over independent replicates, averaged over the pixels before the root is taken, so that the variance is estimated \
-without bias; 8 replicates up to 2^22 samples, 4 beyond. **Time**: one image on all threads, the points and whatever a method makes for \
+without bias; 24 replicates at 2^18 samples, 16 up to 2^22, 8 at 2^24, 4 beyond. **Time**: one image on all threads, the points and whatever a method makes for \
 them included, the distribution over the voxels not; methods take turns, medians. `records.jsonl` has every figure, with the standard \
 errors (by jackknife) of the errors and all single times.";
 

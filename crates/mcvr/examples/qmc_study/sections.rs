@@ -46,6 +46,13 @@ impl Figures<'_> {
         self.places.iter().filter(move |p| p.view == view)
     }
 
+    /// Standard error, relative, of the mean over the scans of a method's error over that of independent samples.
+    fn uncertainty(&self, view: &str, method: &str, level: u32) -> Option<f64> {
+        let square = |p: &Place, m: &str| self.error(p, m, level).map(|(e, se)| (se / e).powi(2));
+        let squares: Option<Vec<f64>> = self.seen(view).map(|p| Some(square(p, method)? + square(p, MC)?)).collect();
+        squares.map(|s| s.iter().sum::<f64>().sqrt() / s.len() as f64)
+    }
+
     /// Geometric mean over the scans of a figure over that of independent samples, where all scans have it.
     fn against_mc(&self, view: &str, figure: impl Fn(&Place, &str) -> Option<f64>, method: &str) -> Option<f64> {
         let ratios: Option<Vec<f64>> = self.seen(view).map(|p| Some(figure(p, method)? / figure(p, MC)?)).collect();
@@ -84,7 +91,12 @@ pub fn summary(page: &mut String, f: &Figures<'_>) -> Outcome<()> {
                 writeln!(page, "| {} | {} |", method.name, row.join(" | "))?;
             }
         }
-        writeln!(page)?;
+        let largest = |&(view, level): &(&str, u32)| {
+            let all = f.methods.iter().filter_map(|m| f.uncertainty(view, m.name, level));
+            cell(all.reduce(f64::max).map(|u| format!("± {:.1} %", 100.0 * u)))
+        };
+        let row: Vec<String> = columns.iter().map(largest).collect();
+        writeln!(page, "| *largest standard error, by errors* | {} |\n", row.join(" | "))?;
     }
     Ok(())
 }

@@ -86,7 +86,7 @@ impl PointStream for Lattice {
 /// `{k z/M}` in 2^-64, rounded down.
 fn fraction(k: u64, z: u64, samples: u64) -> u64 {
     let m = u128::from(samples);
-    ((u128::from(k) * u128::from(z) % m << 64) / m) as u64
+    (((u128::from(k) * u128::from(z) % m) << 64) / m) as u64
 }
 
 #[cfg(test)]
@@ -140,7 +140,7 @@ mod tests {
                 let mut seen = vec![false; samples as usize];
                 for (_, words) in &points {
                     // Half an interval aside, so that rounding crosses no border.
-                    let x = (u64::from(words[axis].wrapping_sub(origin)) * samples + (1 << 31) >> 32) % samples;
+                    let x = ((u64::from(words[axis].wrapping_sub(origin)) * samples + (1 << 31)) >> 32) % samples;
                     assert!(!std::mem::replace(&mut seen[x as usize], true), "{samples}, axis {axis}");
                 }
             }

@@ -160,14 +160,12 @@ mod tests {
                 least = least.min(dot(&h, &h));
             }
         };
+        // In more dimensions the shortest vector is shorter still.
+        let reaches = [[0, 0], [12, 0], [12, 8]][z.len() - 2];
         for a in 0..=reach {
             for b in -reach..=reach {
-                if z.len() == 2 {
-                    visit([a, b, 0, 0]);
-                }
-                // In more dimensions the shortest vector is shorter still.
-                for c in if z.len() > 2 { -12..=12 } else { 0..=-1 } {
-                    for d in if z.len() > 3 { -8..=8 } else { 0..=0 } {
+                for c in -reaches[0]..=reaches[0] {
+                    for d in -reaches[1]..=reaches[1] {
                         visit([a, b, c, d]);
                     }
                 }

@@ -11,9 +11,9 @@ use crate::{Options, Outcome};
 /// Images of an error: errors of low-discrepancy points go up and down together over all pixels, so that many are needed.
 fn replicates(level: u32) -> usize {
     match level {
-        ..=18 => 24,
-        ..=22 => 16,
-        ..=24 => 8,
+        0..=18 => 24,
+        19..=22 => 16,
+        23..=24 => 8,
         _ => 4,
     }
 }

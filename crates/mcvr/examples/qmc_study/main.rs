@@ -171,14 +171,14 @@ mod tests {
     fn a_quick_run_writes_a_page_and_resumes() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("out");
-        let run = |words: &str| {
+        let study = |words: &str| {
             let options = options(&format!("--quick --out {} {words}", out.display())).unwrap();
-            super::run(&options).unwrap();
+            run(&options).unwrap();
             std::fs::read_to_string(out.join("records.jsonl")).unwrap()
         };
-        let first = run("--samples 10,12 --replicates 3");
+        let first = study("--samples 10,12 --replicates 3");
         assert!(first.lines().count() > 50);
-        assert_eq!(run("--samples 10,12 --replicates 3 --resume"), first);
+        assert_eq!(study("--samples 10,12 --replicates 3 --resume"), first);
         let page = std::fs::read_to_string(out.join("README.md")).unwrap();
         for text in ["## Error × √time", "## Samples for 2 % error", "lattice", "ssp", "quick run"] {
             assert!(page.contains(text), "{text}");

@@ -10,8 +10,8 @@ use crate::{Options, Outcome};
 /// Rounds in which all methods take turns, by the power of two.
 fn rounds(level: u32) -> usize {
     match level {
-        ..=18 => 9,
-        ..=22 => 5,
+        0..=18 => 9,
+        19..=22 => 5,
         _ => 3,
     }
 }

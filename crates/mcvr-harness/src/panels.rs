@@ -7,13 +7,14 @@ use crate::HarnessError;
 use crate::chart::{INK, MUTED, PALETTE};
 use crate::format::significant;
 
-/// Width and height of a panel, of the head above and of the legend's line below, in pixels.
-const PANEL: (u32, u32) = (400, 330);
+/// Width of a picture, heights of a panel, of the head above and of a line of the legend below, in pixels.
+const WIDTH: u32 = 1200;
+const PANEL: u32 = 330;
 const HEAD: u32 = 48;
-const FOOT: u32 = 44;
+const KEY: u32 = 28;
 /// Panels beside each other.
 const COLUMNS: usize = 3;
-/// Most lines that can be told apart: the palette's, and a yellow.
+/// Most lines that can be told apart: the palette's, and a violet.
 pub const LINES: usize = PALETTE.len() + 1;
 /// Values of the y axis that may get a label.
 const TICKS: [f64; 10] = [0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 5.0];
@@ -69,11 +70,13 @@ impl Plot {
         }
         let columns = self.panels.len().min(COLUMNS);
         let rows = self.panels.len().div_ceil(columns);
-        let size = (PANEL.0 * columns as u32, HEAD + PANEL.1 * rows as u32 + FOOT);
+        let places = key_places(&labels);
+        let foot = places.last().map_or(0, |p| p.1 as u32) + KEY;
+        let size = (WIDTH, HEAD + PANEL * rows as u32 + foot);
         let mut text = String::new();
         {
             let root = SVGBackend::with_string(&mut text, size).into_drawing_area();
-            self.draw(&root, &labels, [columns, rows]).map_err(|e| fail(e.to_string()))?;
+            self.draw(&root, &labels, &places, [columns, rows]).map_err(|e| fail(e.to_string()))?;
             root.present().map_err(|e| fail(e.to_string()))?;
         }
         let head = text.find('>').map_or(text.len(), |i| i + 1);
@@ -104,24 +107,22 @@ impl Plot {
         &self,
         root: &DrawingArea<DB, plotters::coord::Shift>,
         labels: &[&str],
+        places: &[(i32, i32)],
         [columns, rows]: [usize; 2],
     ) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>> {
         root.fill(&WHITE)?;
         let title = TextStyle::from(("sans-serif", 20).into_font()).color(&INK);
         root.draw(&Text::new(self.title.clone(), (16, 14), title))?;
-        let (fields, foot) = root.split_vertically(HEAD + PANEL.1 * rows as u32);
+        let (fields, foot) = root.split_vertically(HEAD + PANEL * rows as u32);
         let (_, fields) = fields.split_vertically(HEAD);
         for (area, panel) in fields.split_evenly((rows, columns)).iter().zip(&self.panels) {
             self.field(area, panel, labels)?;
         }
         let style = TextStyle::from(("sans-serif", 14).into_font()).color(&INK).pos(Pos::new(HPos::Left, VPos::Center));
-        let mut left = 16;
-        for (i, label) in labels.iter().enumerate() {
-            foot.draw(&PathElement::new([(left, 16), (left + 26, 16)], colour(i).stroke_width(3)))?;
-            foot.draw(&Circle::new((left + 13, 16), 4, colour(i).filled()))?;
-            foot.draw(&Text::new((*label).to_owned(), (left + 33, 16), style.clone()))?;
-            // 7.6 px a letter is on the wide side; the real font is not known here.
-            left += 54 + (7.6 * label.chars().count() as f64) as i32;
+        for (i, (label, &(left, y))) in labels.iter().zip(places).enumerate() {
+            foot.draw(&PathElement::new([(left, y), (left + 26, y)], colour(i).stroke_width(3)))?;
+            foot.draw(&Circle::new((left + 13, y), 4, colour(i).filled()))?;
+            foot.draw(&Text::new((*label).to_owned(), (left + 33, y), style.clone()))?;
         }
         Ok(())
     }
@@ -165,6 +166,22 @@ impl Plot {
     }
 }
 
+/// Where the legend's entries begin, in as many lines as they need.
+fn key_places(labels: &[&str]) -> Vec<(i32, i32)> {
+    let (mut left, mut y) = (16, 14);
+    let mut places = vec![];
+    for label in labels {
+        // 7.6 px a letter is on the wide side; the real font is not known here.
+        let width = 54 + (7.6 * label.chars().count() as f64) as i32;
+        if left > 16 && left + width > WIDTH as i32 {
+            (left, y) = (16, y + KEY as i32);
+        }
+        places.push((left, y));
+        left += width;
+    }
+    places
+}
+
 /// An axis with labels where they are wanted.
 struct Marked {
     ends: std::ops::Range<f64>,
@@ -194,7 +211,7 @@ fn colour(line: usize) -> RGBColor {
     let [others @ .., black] = PALETTE;
     match line {
         0 => black,
-        n => others.get(n - 1).copied().unwrap_or(RGBColor(150, 130, 0)),
+        n => others.get(n - 1).copied().unwrap_or(RGBColor(120, 70, 160)),
     }
 }
 
@@ -227,5 +244,9 @@ mod tests {
             assert!(plot(points, lines).svg().is_err());
         }
         assert!(plot(vec![(1.0, 1.0)], 8).svg().is_ok());
+        let long = "a label of more than forty characters in all";
+        assert!(
+            key_places(&[long; 8]).iter().all(|p| p.0 < WIDTH as i32 / 2 + 400) && key_places(&[long; 8])[7].1 > 14
+        );
     }
 }

@@ -45,9 +45,9 @@ impl Totals {
         self.sums[slot].fetch_add(amount, Ordering::Relaxed);
     }
 
-    /// A worker's way in.
-    pub(crate) fn worker(&self, line: bool) -> Worker<'_> {
-        let own = match (self.private, line) {
+    /// A worker's way in, for a share of `samples` samples.
+    pub(crate) fn worker(&self, weighed: bool, samples: u64) -> Worker<'_> {
+        let own = match (self.private && samples >= self.few(), weighed) {
             (false, _) => Own::Shared,
             (true, false) => Own::Counts(vec![0; self.sums.len()]),
             (true, true) => Own::Weights(vec![0; self.sums.len()]),
@@ -55,10 +55,20 @@ impl Totals {
         Worker { totals: self, own, since_flush: 0 }
     }
 
+    /// Fewer samples than this are added one by one: emptying private copies would take longer.
+    fn few(&self) -> u64 {
+        self.sums.len() as u64 / 8
+    }
+
     /// The sums of the pixels, without the two extra places.
-    pub(crate) fn into_values(self, unit: f64) -> Vec<f64> {
-        let pixels = self.sums.len() - 2;
-        self.sums.into_iter().take(pixels).map(|s| s.into_inner() as f64 * unit).collect()
+    pub(crate) fn sums(&self) -> impl Iterator<Item = u64> {
+        self.sums[..self.sums.len() - 2].iter().map(|s| s.load(Ordering::Relaxed))
+    }
+
+    /// The sum of one pixel.
+    #[inline]
+    pub(crate) fn sum(&self, slot: usize) -> u64 {
+        self.sums[slot].load(Ordering::Relaxed)
     }
 }
 
@@ -75,7 +85,17 @@ pub(crate) struct Worker<'a> {
     since_flush: u64,
 }
 
-impl Worker<'_> {
+impl<'a> Worker<'a> {
+    /// Goes on to another film of the same kind and size, with the memory of this one.
+    pub(crate) fn turn_to(mut self, totals: &'a Totals, weighed: bool, samples: u64) -> Self {
+        self.flush();
+        let private = !matches!(self.own, Own::Shared);
+        if private == (totals.private && samples >= totals.few()) {
+            return Self { totals, ..self };
+        }
+        totals.worker(weighed, samples)
+    }
+
     /// Adds a batch: one to each pixel, or its weight where there are weights.
     pub(crate) fn add(&mut self, pixels: &[u32], weights: &Weights) {
         match (&mut self.own, weights.narrow.is_empty(), weights.wide.is_empty()) {
@@ -170,11 +190,11 @@ mod tests {
             let mut totals = Totals::new(4, 2).expect("memory");
             totals.private = private;
             for _ in 0..2 {
-                let mut w = totals.worker(!std::ptr::eq(weights, &none));
+                let mut w = totals.worker(!std::ptr::eq(weights, &none), 6);
                 w.add(&pixels, weights);
                 w.finish();
             }
-            totals.into_values(0.5)
+            totals.sums().map(|s| s as f64 * 0.5).collect::<Vec<_>>()
         };
         assert_eq!(run(true, &none), vec![1.0, 1.0, 0.0, 2.0]);
         for weights in [&none, &wide, &narrow] {

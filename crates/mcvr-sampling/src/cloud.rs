@@ -8,7 +8,8 @@ use mcvr_volume::Grid;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::engine::{Counters, Exposure, Rendered, Scratch};
+use crate::engine::{Counters, Rendered};
+use crate::expose::{Exposure, Scratch};
 use crate::find::locator;
 use crate::offset::{BoxOffset, BsplineOffset, Offset, ShellOffset, TentOffset};
 use crate::project::{Projection, centre_voxel, position};

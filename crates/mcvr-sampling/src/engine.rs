@@ -1,23 +1,16 @@
 //! The loop that every sampling method shares: fill a block, find its voxels, project, accumulate.
 
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-use mcvr_scene::{Camera, Estimand, Image, Kernel, Look, Watch, power_of_two};
-use rayon::prelude::*;
+use mcvr_scene::{Camera, Estimand, Image, Kernel, Look, Watch};
 use serde::Serialize;
 
-use crate::accumulate::{Totals, Worker};
-use crate::effects::{EffectPasses, Layers};
+use crate::effects::EffectPasses;
+use crate::expose::{Channels, Exposure, Scratch};
 use crate::find::{Locate, locator};
-use crate::project::{Lost, Projection};
-use crate::real::Weights;
+use crate::project::Projection;
 use crate::stream::check_samples;
-use crate::{Distribution, PointBlock, PointStream, Precision, SamplingError, SimdLevel, block_count, block_len};
-
-/// Blocks that a worker takes at a time.
-const TAKE: u64 = 4;
+use crate::{Distribution, PointStream, Precision, SamplingError, SimdLevel, block_len};
 
 /// How to render; the default is what users want.
 #[derive(Clone, Copy, Debug, Default)]
@@ -224,7 +217,7 @@ fn unseen(camera: &Camera, channels: &Channels, start: Instant) -> Result<Render
 }
 
 /// Draws a block's points and finds their voxels.
-fn draw(
+pub(crate) fn draw(
     distribution: &Distribution<'_>,
     stream: &dyn PointStream,
     locator: &dyn Locate,
@@ -238,148 +231,4 @@ fn draw(
     stream.fill(block, distribution.total(), &mut scratch.points);
     locator.locate(stream.search(), &scratch.points.targets, &mut scratch.places, counters);
     Instant::now()
-}
-
-/// Exposes an image to batches of samples, whatever they come from.
-pub(crate) struct Exposure<'a> {
-    pub camera: &'a Camera,
-    pub estimand: Estimand,
-    pub samples: u64,
-    /// Mass that the samples stand for, weight units × mm³.
-    pub mass: f64,
-    /// That mass as a share of the whole mass `F`.
-    pub share: f64,
-}
-
-impl Exposure<'_> {
-    /// One channel of plain samples; see [`Self::run_channels`].
-    pub(crate) fn run(
-        &self,
-        projection: &Projection,
-        start: Instant,
-        watch: &Watch<'_>,
-        batch: impl Fn(u64, &mut Scratch, &mut Worker<'_>, &mut Counters) -> (Lost, Instant) + Sync,
-    ) -> Result<Rendered, SamplingError> {
-        self.run_channels(projection, &Channels::plain(self.estimand), start, watch, batch)
-    }
-
-    /// Runs over all blocks on the current pool. `batch` fills the pixels of a block, adds it to the worker's film, and says
-    /// how many samples were in no pixel and when its points were drawn.
-    pub(crate) fn run_channels(
-        &self,
-        projection: &Projection,
-        channels: &Channels,
-        start: Instant,
-        watch: &Watch<'_>,
-        batch: impl Fn(u64, &mut Scratch, &mut Worker<'_>, &mut Counters) -> (Lost, Instant) + Sync,
-    ) -> Result<Rendered, SamplingError> {
-        let Self { camera, estimand, samples, mass, share } = *self;
-        let line = estimand == Estimand::Line;
-        let blocks = block_count(samples);
-        let workers = (rayon::current_num_threads() as u64).min(blocks.div_ceil(TAKE)) as usize;
-        let totals = Totals::new(channels.number * camera.extent().pixels(), workers)?;
-        let next = AtomicU64::new(0);
-        let sum = Mutex::new((Counters::default(), [0.0f64; 2]));
-        (0..workers).into_par_iter().with_max_len(1).for_each(|_| {
-            let mut film = totals.worker(channels.weighed);
-            let mut scratch = Scratch::default();
-            let mut counters = Counters::default();
-            let mut thread_seconds = [0.0; 2];
-            while !watch.cancelled() {
-                let first = next.fetch_add(TAKE, Ordering::Relaxed);
-                if first >= blocks {
-                    break;
-                }
-                for block in first..blocks.min(first + TAKE) {
-                    let len = block_len(samples, block);
-                    let t0 = Instant::now();
-                    scratch.pixels.resize(len, 0);
-                    let (lost, t1) = batch(block, &mut scratch, &mut film, &mut counters);
-                    let t2 = Instant::now();
-                    counters.samples += len as u64;
-                    counters.outside += u64::from(lost.beside);
-                    counters.clipped += u64::from(lost.near);
-                    counters.inside += len as u64 - u64::from(lost.beside) - u64::from(lost.near);
-                    counters.line_weights += if line { len as u64 } else { 0 };
-                    thread_seconds[0] += (t1 - t0).as_secs_f64();
-                    thread_seconds[1] += (t2 - t1).as_secs_f64();
-                    watch.advance(len as u64);
-                }
-            }
-            film.finish();
-            let mut sum = sum.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-            sum.0.add(&counters);
-            sum.1[0] += thread_seconds[0];
-            sum.1[1] += thread_seconds[1];
-        });
-        if watch.cancelled() {
-            return Err(SamplingError::Cancelled);
-        }
-        // What one unit of the sums stands for may be too small a number where the sums' own values are not.
-        let lift = if line && mass < power_of_two(-600) { power_of_two(400) } else { 1.0 };
-        let unit = match estimand {
-            Estimand::Count => share / samples as f64,
-            Estimand::Line => mass * lift / samples as f64 * camera.det() * projection.weight_unit(),
-        };
-        let mut values = totals.into_values(unit * channels.unit);
-        if lift != 1.0 {
-            values.iter_mut().for_each(|v| *v /= lift);
-        }
-        let (image, colour) = channels.develop(camera, values)?;
-        let (counters, thread_seconds) = sum.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner);
-        let total = start.elapsed().as_secs_f64();
-        let per_thread = total / (thread_seconds[0] + thread_seconds[1]).max(1e-12);
-        let seconds = PhaseSeconds {
-            sampling: thread_seconds[0] * per_thread,
-            projection: thread_seconds[1] * per_thread,
-            total,
-        };
-        Ok(Rendered { image, colour, counters, seconds, precision: projection.precision() })
-    }
-}
-
-/// What a film's sums mean.
-pub(crate) struct Channels {
-    /// Sums a pixel.
-    pub number: usize,
-    /// False when every sample adds 1.
-    pub weighed: bool,
-    /// What an amount of 1 stands for.
-    pub unit: f64,
-    /// Factor on the finished channels.
-    pub tint: [f64; 3],
-}
-
-impl Channels {
-    fn plain(estimand: Estimand) -> Self {
-        Self { number: 1, weighed: estimand == Estimand::Line, unit: 1.0, tint: [1.0; 3] }
-    }
-
-    /// Separates channels that lie side by side, and tints them.
-    fn develop(&self, camera: &Camera, values: Vec<f64>) -> Result<(Image, Option<[Image; 3]>), SamplingError> {
-        let Self { number, tint, .. } = *self;
-        let wrap = |values: Vec<f64>| {
-            Image::from_values(camera.extent(), values).map_err(|e| SamplingError::Camera(e.to_string()))
-        };
-        if number == 1 && tint.iter().all(|t| *t == tint[0]) {
-            let mut image = wrap(values)?;
-            if tint[0] != 1.0 {
-                image.values_mut().iter_mut().for_each(|v| *v *= tint[0]);
-            }
-            return Ok((image, None));
-        }
-        let plane = |c: usize| wrap(values.iter().skip(c % number).step_by(number).map(|v| v * tint[c]).collect());
-        let colour = [plane(0)?, plane(1)?, plane(2)?];
-        Ok((Image::mean_of(&colour), Some(colour)))
-    }
-}
-
-/// Arrays of one worker, reused from block to block.
-#[derive(Default)]
-pub(crate) struct Scratch {
-    pub points: PointBlock,
-    pub places: [Vec<u32>; 3],
-    pub pixels: Vec<u32>,
-    pub weights: Weights,
-    pub layers: Layers,
 }

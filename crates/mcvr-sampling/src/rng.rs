@@ -17,6 +17,8 @@ pub enum Purpose {
     Scramble = 4,
     /// Shift of the first coordinate of a net.
     Shift = 5,
+    /// Keys of independent replicates.
+    Replicate = 6,
 }
 
 /// SplitMix64's finaliser: a bijection of 64-bit words whose output bits all depend on all input bits

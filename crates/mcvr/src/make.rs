@@ -7,6 +7,7 @@ use mcvr_harness::PhaseSeconds;
 use mcvr_mc::{OrderStatistics, Quicksorted, Stratified, Unsorted};
 use mcvr_qmc::{Scramble, SobolNet};
 use mcvr_raycast::{MarchOptions, RaycastError, ReferenceOptions, march_with_look, reference_with_look};
+use mcvr_refine::RefineError;
 use mcvr_sampling::{
     Distribution, PointStream, RenderOptions, Rendered, SamplingError, VoxelOrder, check_samples, render_look,
 };
@@ -104,7 +105,7 @@ pub struct Made {
     pub samples: u64,
     /// Exact work counters, by method.
     pub counters: Value,
-    /// The reference's estimate of its own RMSE over the mean; only [`Method::Exact`] knows one.
+    /// The image's own estimate of its RMSE over the mean: of [`Method::Exact`] and of refined images.
     pub error: Option<f64>,
 }
 
@@ -134,12 +135,20 @@ pub enum MakeError {
     /// Ray casting failed.
     #[error(transparent)]
     Raycast(#[from] RaycastError),
+    /// Refinement failed.
+    #[error(transparent)]
+    Refine(#[from] RefineError),
 }
 
 impl MakeError {
     /// True when the work was stopped from outside rather than failed.
     pub fn is_cancelled(&self) -> bool {
-        matches!(self, Self::Sampling(SamplingError::Cancelled) | Self::Raycast(RaycastError::Cancelled))
+        matches!(
+            self,
+            Self::Sampling(SamplingError::Cancelled)
+                | Self::Raycast(RaycastError::Cancelled)
+                | Self::Refine(RefineError::Sampling(SamplingError::Cancelled))
+        )
     }
 }
 
@@ -167,7 +176,7 @@ pub fn make(scenery: &Scenery, request: &Request, watch: &Watch<'_>) -> Result<M
 }
 
 /// Refuses an image with a pixel that is no number.
-fn check_finite(image: &Image) -> Result<(), MakeError> {
+pub(crate) fn check_finite(image: &Image) -> Result<(), MakeError> {
     match image.values().iter().position(|v| !v.is_finite()) {
         None => Ok(()),
         Some(at) => Err(MakeError::Scene(SceneError::Image(format!(

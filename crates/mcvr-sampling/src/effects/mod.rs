@@ -11,7 +11,8 @@ use mcvr_volume::Grid;
 use self::gradient::{CORNERS, Gradients, STENCIL, Stored};
 use self::passes::{Light, Ramp, Voxelwise, amounts_grey, amounts_rgb, compact, palette};
 use self::positions::Place;
-use crate::engine::{Counters, Scratch};
+use crate::engine::Counters;
+use crate::expose::Scratch;
 use crate::project::{LEAST_UNITS, Projection};
 use crate::{GradientSource, RenderOptions, SamplingError, SimdLevel};
 

@@ -5,7 +5,7 @@ use std::path::Path;
 use image::{ImageBuffer, Rgb};
 use npyz::WriterBuilder;
 
-use super::file::{encode, fail, write_whole};
+use super::file::{check_floats, encode, fail, write_whole};
 use super::{Image, ImageFormat, Tone};
 use crate::{Extent, SceneError};
 
@@ -15,7 +15,8 @@ use crate::{Extent, SceneError};
 /// channels keep their ratios to it, so every pixel keeps its hue.
 ///
 /// # Errors
-/// [`SceneError::File`] when the channels differ in size, the folder is missing or not writable, or the disk is full.
+/// [`SceneError::File`] when the channels differ in size, the folder is missing or not writable, the disk is full, or EXR or TIFF
+/// is asked to hold a number beyond the largest 32-bit float.
 pub fn write_colour(channels: &[Image; 3], path: &Path, format: ImageFormat, tone: &Tone) -> Result<(), SceneError> {
     let limits = if format.is_linear() { [0.0, 1.0] } else { tone.limits(&largest(channels)) };
     write_colour_within(channels, path, format, tone, limits)
@@ -39,7 +40,7 @@ pub fn write_colour_within(
     }
     let (w, h) = (extent.width as u32, extent.height as u32);
     let linear = || -> Vec<f32> { pixels(channels).flatten().map(|v| v as f32).collect() };
-    let toned = || toned(channels, tone, limits).into_iter().flatten();
+    let toned = || toned_colour(channels, tone, limits).into_iter().flatten();
     write_whole(path, |out| match format {
         ImageFormat::Png8 => {
             let levels = toned().map(|v| (v * 255.0).round() as u8).collect();
@@ -55,6 +56,7 @@ pub fn write_colour_within(
             encode(buffer.map(Into::into), out, image::ImageFormat::Png)
         }
         ImageFormat::Exr | ImageFormat::Tiff => {
+            channels.iter().try_for_each(check_floats)?;
             let buffer = ImageBuffer::<Rgb<f32>, _>::from_raw(w, h, linear());
             let format =
                 if format == ImageFormat::Exr { image::ImageFormat::OpenExr } else { image::ImageFormat::Tiff };
@@ -87,8 +89,8 @@ fn pixels(channels: &[Image; 3]) -> impl Iterator<Item = [f64; 3]> + '_ {
     r.iter().zip(g).zip(b).map(|((r, g), b)| [*r, *g, *b])
 }
 
-/// Red, green and blue in 0..=1.
-fn toned(channels: &[Image; 3], tone: &Tone, limits: [f64; 2]) -> Vec<[f64; 3]> {
+/// Red, green and blue in 0..=1: what [`write_colour`] puts into a PNG. The channels have one size.
+pub fn toned_colour(channels: &[Image; 3], tone: &Tone, limits: [f64; 2]) -> Vec<[f64; 3]> {
     let largest = largest(channels);
     let grey = tone.apply(&largest, limits);
     pixels(channels)
@@ -166,6 +168,8 @@ mod tests {
         let mut odd = channels();
         odd[2] = Image::zeros(Extent::new(1, 4).unwrap());
         assert!(write_colour(&odd, &path, ImageFormat::Png8, &whole()).is_err() && !path.exists());
+        let huge = channels().map(|c| Image::from_values(c.extent(), vec![1e39; 4]).unwrap());
+        assert!(write_colour(&huge, &path, ImageFormat::Exr, &whole()).is_err() && !path.exists());
         let black = channels().map(|c| Image::zeros(c.extent()));
         for invert in [false, true] {
             write_colour(&black, &path, ImageFormat::Png8, &Tone { invert, ..whole() }).unwrap();

@@ -55,7 +55,8 @@ pub(super) fn fail(path: &Path, problem: impl ToString) -> SceneError {
 /// Writes an image; the tone applies to PNG only.
 ///
 /// # Errors
-/// [`SceneError::File`] when the folder is missing or not writable, or the disk is full.
+/// [`SceneError::File`] when the folder is missing or not writable, the disk is full, or EXR or TIFF is asked to hold a number
+/// beyond the largest 32-bit float.
 pub fn write(image: &Image, path: &Path, format: ImageFormat, tone: &Tone) -> Result<(), SceneError> {
     // Linear formats have no tone, and limits take an order of all pixels.
     let limits = if format.is_linear() { [0.0, 1.0] } else { tone.limits(image) };
@@ -77,8 +78,11 @@ pub fn write_within(
     let Extent { width, height } = image.extent();
     let (w, h) = (width as u32, height as u32);
     let grey = || tone.apply(image, limits);
-    let float = || -> Vec<f32> { image.values().iter().flat_map(|&v| [v as f32; 3]).collect() };
-    let rgb32 = || ImageBuffer::<Rgb<f32>, _>::from_raw(w, h, float()).map(DynamicImage::ImageRgb32F);
+    let rgb32 = || {
+        check_floats(image)?;
+        let values = image.values().iter().flat_map(|&v| [v as f32; 3]).collect();
+        Ok::<_, String>(ImageBuffer::<Rgb<f32>, Vec<f32>>::from_raw(w, h, values).map(DynamicImage::ImageRgb32F))
+    };
     write_whole(path, |out| match format {
         ImageFormat::Npy => write_npy(image, out),
         ImageFormat::Png8 => {
@@ -97,8 +101,8 @@ pub fn write_within(
                 image::ImageFormat::Png,
             )
         }
-        ImageFormat::Exr => encode(rgb32(), out, image::ImageFormat::OpenExr),
-        ImageFormat::Tiff => encode(rgb32(), out, image::ImageFormat::Tiff),
+        ImageFormat::Exr => encode(rgb32()?, out, image::ImageFormat::OpenExr),
+        ImageFormat::Tiff => encode(rgb32()?, out, image::ImageFormat::Tiff),
     })
 }
 
@@ -132,6 +136,20 @@ pub fn write_animation(frames: &[Vec<u8>], extent: Extent, path: &Path, rate: u1
         frames.iter().try_for_each(|frame| writer.write_image_data(frame)).map_err(fail)?;
         writer.finish().map_err(fail)
     })
+}
+
+/// Refuses numbers that a 32-bit float, as EXR and TIFF have them, would turn into infinity.
+pub(super) fn check_floats(image: &Image) -> Result<(), String> {
+    match image.values().iter().position(|v| v.is_finite() && (*v as f32).is_infinite()) {
+        None => Ok(()),
+        Some(at) => Err(format!(
+            "the value {:e} of pixel ({}, {}) exceeds {:e}, the largest 32-bit float; write .npy, which has 64 bits",
+            image.values()[at],
+            at % image.extent().width,
+            at / image.extent().width,
+            f32::MAX
+        )),
+    }
 }
 
 pub(super) fn encode(
@@ -196,6 +214,31 @@ mod tests {
             let back = read(&path).unwrap();
             let level = if deep { 65535.0 } else { 255.0 };
             assert!((back.get(1, 1) - 7.0 / 42.0).abs() <= 0.500_001 / level, "rounding to the nearest level");
+        }
+    }
+
+    #[test]
+    fn numbers_that_would_become_infinite_are_refused_and_infinite_ones_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let of = |v: f64| Image::from_values(Extent::new(2, 2).unwrap(), vec![0.0, 1.0, v, 2.0]).unwrap();
+        for name in ["a.exr", "a.tiff", "a.npy"] {
+            let path = folder.path().join(name);
+            let format = ImageFormat::of(&path, false).unwrap();
+            let outcome = write(&of(-1e39), &path, format, &Tone::default());
+            if format == ImageFormat::Npy {
+                assert_eq!((outcome.is_ok(), read(&path).unwrap().get(0, 1)), (true, -1e39));
+            } else {
+                let message = outcome.unwrap_err().to_string();
+                assert!(
+                    message.contains("-1e39") && message.contains("(0, 1)") && message.contains(".npy"),
+                    "{message}"
+                );
+                assert!(!path.exists());
+            }
+            for kept in [f64::INFINITY, f64::from(f32::MAX)] {
+                write(&of(kept), &path, format, &Tone::default()).unwrap();
+                assert_eq!(read(&path).unwrap().get(0, 1), kept, "{name}");
+            }
         }
     }
 

@@ -4,16 +4,18 @@ mod animation;
 mod colour;
 mod develop;
 mod file;
+mod layers;
 mod read;
 mod tone;
 
 use crate::{Extent, SceneError};
 
 pub use animation::{GIF_RATE_LIMIT, write_gif};
-pub use colour::{largest, write_colour, write_colour_within};
+pub use colour::{largest, toned_colour, write_colour, write_colour_within};
 pub use develop::{Film, FilmBias, expose, transmission, transmission_bias};
 pub use file::{ImageFormat, write, write_animation, write_rgb8, write_whole, write_within};
-pub use read::read;
+pub use layers::{ErrorBars, write_error, write_with_error};
+pub use read::{read, read_layers};
 pub use tone::{Curve, Tone, diverging_rgb};
 
 /// An image of linear values, row by row from the top, `f64`.

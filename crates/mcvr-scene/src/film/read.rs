@@ -1,12 +1,15 @@
 //! Reading image files, which others may have damaged. The decoders are libraries: what they take on trust is checked
 //! before, and a panic inside one is an error of the file.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufReader, Cursor, Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
+use exr::image::read::layers::ReadChannels;
 use exr::meta::{BlockDescription, MetaData};
+use exr::prelude::ReadLayers;
 use image::{DynamicImage, ImageFormat, ImageReader, Limits};
 use mcvr_volume::open_regular;
 
@@ -44,6 +47,46 @@ pub fn read(path: &Path) -> Result<Image, SceneError> {
     };
     let image = catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| Err("damaged: its decoder gave up".into()));
     image.map_err(|e| fail(path, e))
+}
+
+/// Reads every channel of an EXR file by its name, as in `R`, `stderr.Y`: what [`write_with_error`](super::write_with_error) wrote.
+/// No more memory is taken than a file of that length can fill.
+///
+/// # Errors
+/// [`SceneError::File`] when the file is missing, no regular file, no EXR or damaged.
+pub fn read_layers(path: &Path) -> Result<BTreeMap<String, Image>, SceneError> {
+    let file = open_regular(path).map_err(|e| fail(path, e))?;
+    let length = file.metadata().map_err(|e| fail(path, e))?.len();
+    let layers = catch_unwind(AssertUnwindSafe(|| layers(file, length)));
+    layers.unwrap_or_else(|_| Err("damaged: its decoder gave up".into())).map_err(|e| fail(path, e))
+}
+
+fn layers(file: File, length: u64) -> Result<BTreeMap<String, Image>, String> {
+    let mut file = BufReader::new(file);
+    check_exr(&mut file)?;
+    let meta = MetaData::read_from_buffered(&mut file, false).map_err(|e| e.to_string())?;
+    let bytes = meta.headers.iter().fold(0u64, |sum, header| {
+        let values = (header.layer_size.width() as u64).saturating_mul(header.layer_size.height() as u64);
+        sum.saturating_add(values.saturating_mul(4 * header.channels.list.len() as u64))
+    });
+    if bytes > length.saturating_mul(DEFLATE).saturating_add(SCRATCH) {
+        return Err(format!("promises {bytes} bytes of pixels, more than a file of {length} bytes can hold"));
+    }
+    file.rewind().map_err(|e| e.to_string())?;
+    let reader = exr::prelude::read().no_deep_data().largest_resolution_level().all_channels();
+    let found = reader.all_layers().all_attributes().from_buffered(file).map_err(|e| e.to_string())?;
+    let mut images = BTreeMap::new();
+    for layer in found.layer_data {
+        // A part has a name of its own, where a file has several.
+        let part = layer.attributes.layer_name.map(|name| format!("{name}.")).unwrap_or_default();
+        for channel in layer.channel_data.list {
+            let values = channel.sample_data.values_as_f32().map(f64::from).collect();
+            let name = format!("{part}{}", channel.name);
+            let image = image(layer.size.width() as u64, layer.size.height() as u64, values);
+            images.insert(name.clone(), image.map_err(|e| format!("channel {name}: {e}"))?);
+        }
+    }
+    Ok(images)
 }
 
 fn decode(file: File, length: u64) -> Result<Image, String> {

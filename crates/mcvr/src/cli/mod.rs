@@ -25,15 +25,20 @@ mod orbit;
 mod outputs;
 mod plan;
 mod plan_text;
+// Until `render` calls them.
+mod preview;
 mod process;
 mod progress;
+mod progressive;
 mod project;
 mod radiograph;
+mod refined;
 mod render;
 mod sample;
 mod schema;
 mod setup;
 mod truth;
+mod watching;
 
 use std::process::ExitCode;
 

@@ -80,6 +80,32 @@ pub fn percentiles(text: &str) -> Result<[f64; 2], String> {
     }
 }
 
+/// A share of a whole: `1%` or `0.01`.
+pub fn share(text: &str) -> Result<f64, String> {
+    let bad = || format!("'{text}' is no share; write 1% or 0.01");
+    let clean = text.trim();
+    let (digits, unit) = clean.strip_suffix('%').map_or((clean, 1.0), |d| (d.trim(), 100.0));
+    let value = digits.parse::<f64>().map_err(|_| bad())? / unit;
+    if value.is_finite() && value > 0.0 { Ok(value) } else { Err(bad()) }
+}
+
+/// A time in seconds: `2s`, `500ms`, `1.5m`, or a plain number of seconds.
+pub fn seconds(text: &str) -> Result<f64, String> {
+    let bad = || format!("'{text}' is no time; write 2s, 500ms or 1m");
+    let clean = text.trim();
+    let at = clean.find(|c: char| c.is_ascii_alphabetic() && c != 'e').unwrap_or(clean.len());
+    let (digits, unit) = clean.split_at(at);
+    let unit = match unit {
+        "" | "s" => 1.0,
+        "ms" => 1e-3,
+        "m" | "min" => 60.0,
+        "h" => 3600.0,
+        _ => return Err(bad()),
+    };
+    let value = digits.trim().parse::<f64>().map_err(|_| bad())? * unit;
+    if value.is_finite() && value > 0.0 { Ok(value) } else { Err(bad()) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -94,6 +120,18 @@ mod tests {
         for text in ["", "0", "-1", "1.5", "2^64", "x", "1e99", "nan"] {
             assert!(count(text).is_err(), "{text}");
         }
+    }
+
+    #[test]
+    fn shares_and_times_are_read_with_their_units() {
+        assert_eq!((share("1%"), share("0.05"), share(" 12.5 %")), (Ok(0.01), Ok(0.05), Ok(0.125)));
+        for (text, value) in [("2s", 2.0), ("500ms", 0.5), ("1.5m", 90.0), ("3", 3.0), ("1e-1", 0.1), ("1h", 3600.0)] {
+            assert_eq!(seconds(text), Ok(value), "{text}");
+        }
+        for bad in ["", "0", "-1%", "nan", "x", "%", "inf"] {
+            assert!(share(bad).is_err() && seconds(bad).is_err(), "{bad}");
+        }
+        assert!(seconds("2 weeks").is_err());
     }
 
     #[test]

@@ -25,6 +25,15 @@ fn watched_flag() -> Arc<AtomicBool> {
     flag
 }
 
+/// A count of work whose end is not known, where [`bar`] would show a bar.
+pub fn spinner(quiet: bool) -> ProgressBar {
+    let bar = bar(0, quiet);
+    let style = ProgressStyle::with_template("{spinner} {human_pos} samples  {elapsed} elapsed  {msg}");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
+    bar.unset_length();
+    bar
+}
+
 /// A bar on standard error; hidden when that is no terminal or quiet was asked for.
 pub fn bar(total: u64, quiet: bool) -> ProgressBar {
     let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };

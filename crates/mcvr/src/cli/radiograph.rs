@@ -2,6 +2,7 @@
 
 use anyhow::bail;
 use mcvr::Made;
+use mcvr::refinement::Bars;
 use mcvr::scene::film::{Film, FilmBias, transmission_bias};
 use mcvr::scene::{Estimand, Image};
 use serde_json::{Value, json};
@@ -55,6 +56,19 @@ pub fn develop(film: &Film, setup: &Setup, made: &Made) -> anyhow::Result<Option
         );
     }
     Ok(Some(Radiograph { image, bias }))
+}
+
+/// Error bars of the transmission `exp(-line)` from those of the line integral: ends exchanged, the standard error by its slope.
+/// Photon noise is not in them.
+pub fn bars(line: &Bars, image: &Image) -> Bars {
+    let transmission = |image: &Image| {
+        let mut image = image.clone();
+        image.values_mut().iter_mut().for_each(|v| *v = (-*v).exp());
+        image
+    };
+    let mut error = transmission(image);
+    error.values_mut().iter_mut().zip(line.error.values()).for_each(|(t, e)| *t *= e);
+    Bars { error, low: transmission(&line.high), high: transmission(&line.low), ..line.clone() }
 }
 
 /// The film as JSON records have it.

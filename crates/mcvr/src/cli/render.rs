@@ -4,19 +4,25 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use mcvr::scene::film::{self, ImageFormat};
+use mcvr::refinement::{Bars, Stop};
+use mcvr::scene::film::{self, ErrorBars, ImageFormat};
 use mcvr::scene::{Extent, Transfer, Watch};
-use mcvr::{Made, Method, make};
+use mcvr::{Made, MadeRefined, Method, Refinement, make};
 use serde_json::{Value, json};
 
 use super::args::{ImageArgs, ToneArgs};
+use super::radiograph::Radiograph;
+use super::refined::{self, ErrorArgs, Known};
 use super::setup::{Setup, Viewpoint, image_setup};
+use super::watching::{self, WatchArgs, Watching};
 use super::{Interrupted, outputs, process, progress, radiograph};
 
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  \
     mcvr render phantom:lobster -o lobster.png\n  \
     mcvr render scan.nii.gz --view 0,90 --samples 2^24 --estimand line -o scan.exr --json scan.json\n  \
+    mcvr render scan.nii.gz --error 2% -o scan.exr       as many samples as 2 % needs; error bars in the file\n  \
+    mcvr render scan.nii.gz --time 2s -o scan.png        what two seconds give, and how wrong it is\n  \
     mcvr render head.raw --dims 256,256,113 --type u16 --endian be --spacing 1,1,2 --emphasis 1200,8 -o head.png\n  \
     mcvr render chest.mha --map hounsfield:60keV --photons 1e4 -o radiograph.png --deep\n  \
     mcvr render head.nrrd --shade --depth-cue --light around:60,30 -o shaded.png\n  \
@@ -26,12 +32,21 @@ use super::{Interrupted, outputs, process, progress, radiograph};
 pub struct Args {
     #[command(flatten)]
     image: ImageArgs,
-    /// Image file, repeatable: .png (toned), .exr, .tiff, .npy (linear values)
+    /// Image file, repeatable: .png (toned), .exr, .tiff, .npy (linear values); where an error is asked for, an .exr also holds
+    /// the layers stderr, low, high and unresolved
     #[arg(long = "output", short, value_name = "FILE", required = true)]
     outputs: Vec<PathBuf>,
     /// Write what was done, with geometry, times and counters, as JSON; - for standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    #[command(flatten)]
+    error: ErrorArgs,
+    /// Write the standard error of every pixel, its confidence interval and the unresolved pixels: .npy (4, height, width),
+    /// .exr (layers); .png and .tiff show the standard error alone
+    #[arg(long = "error-map", value_name = "FILE", help_heading = "Error")]
+    error_maps: Vec<PathBuf>,
+    #[command(flatten)]
+    watch: WatchArgs,
     #[command(flatten)]
     tone: ToneArgs,
 }
@@ -39,9 +54,11 @@ pub struct Args {
 pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     let start = Instant::now();
     // Everything that can be wrong with the outputs is found before the work.
-    let formats: Vec<ImageFormat> =
-        args.outputs.iter().map(|p| ImageFormat::of(p, args.tone.deep)).collect::<Result<_, _>>()?;
-    outputs::check(args.outputs.iter().chain(&args.json), &args.image.inputs())?;
+    let format = |p: &PathBuf| ImageFormat::of(p, args.tone.deep);
+    let formats: Vec<ImageFormat> = args.outputs.iter().map(format).collect::<Result<_, _>>()?;
+    let map_formats: Vec<ImageFormat> = args.error_maps.iter().map(format).collect::<Result<_, _>>()?;
+    let files: Vec<&PathBuf> = args.outputs.iter().chain(&args.error_maps).collect();
+    outputs::check(files.iter().copied().chain(&args.json), &args.image.inputs())?;
     let mut setup = image_setup(&args.image, &args.tone)?;
     let film = args.image.film.join(setup.film);
     setup.check_effects()?;
@@ -49,14 +66,20 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     for note in &setup.notes {
         say!("mcvr: note: {note}");
     }
-    let views = std::mem::take(&mut setup.views);
+    let views = setup.views.clone();
+    let one = views.len() == 1;
     for view in &views {
-        if views.len() > 1 {
-            let outputs: Vec<PathBuf> = args.outputs.iter().map(|p| labelled(p, &view.label)).collect();
-            outputs::check(&outputs, &args.image.inputs())?;
+        if !one {
+            let files: Vec<PathBuf> = files.iter().map(|p| labelled(p, &view.label)).collect();
+            outputs::check(&files, &args.image.inputs())?;
         }
         let channels = setup.scenery.effects.look(setup.scenery.volume.grid(), &view.camera)?.channels();
-        check_image_memory(view.camera.extent(), channels, &formats)?;
+        check_image_memory(view.camera.extent(), channels, &[&formats[..], &map_formats].concat())?;
+    }
+    let watched = args.watch.any() || !args.error_maps.is_empty();
+    let refinement = args.error.refinement(&setup, args.image.budget.samples, watched, args.watch.any())?;
+    if let Some(refinement) = &refinement {
+        refined::check_memory(&setup, refinement)?;
     }
     let samples = setup.request.samples;
     // More than the method's own limit is refused for that.
@@ -64,38 +87,65 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         process::check_memory(8 * samples, &format!("sorting {samples} samples"))?;
     }
     let mut records = vec![];
-    for Viewpoint { camera, label, words } in &views {
+    let mut interrupted = false;
+    for view in &views {
         let begin = if records.is_empty() { start } else { Instant::now() };
-        let one = views.len() == 1;
-        let outputs: Vec<PathBuf> =
-            args.outputs.iter().map(|p| if one { p.clone() } else { labelled(p, label) }).collect();
-        setup.scenery.camera = camera.clone();
-        setup.view.clone_from(words);
-        let made = render(&setup, quiet)?;
-        let film_made = radiograph::develop(&film, &setup, &made)?;
+        let named = |p: &PathBuf| if one { p.clone() } else { labelled(p, &view.label) };
+        let outputs: Vec<PathBuf> = args.outputs.iter().map(named).collect();
+        setup.scenery.camera = view.camera.clone();
+        setup.view.clone_from(&view.words);
+        let drawn = draw(args, &setup, refinement.as_ref(), view, one, &formats, quiet)?;
+        let made = &drawn.made;
+        remark(&setup, made);
+        let film_made = radiograph::develop(&film, &setup, made)?;
         let writing = Instant::now();
+        let bars = drawn.bars(film_made.as_ref());
+        let bars: Vec<ErrorBars<'_>> = bars.iter().map(watching::layers).collect();
+        let confidence = refinement.as_ref().map_or(0.0, |r| r.goal.confidence);
+        let channels = match (&film_made, &made.colour) {
+            (Some(r), _) => std::slice::from_ref(&r.image),
+            (None, Some(channels)) => &channels[..],
+            (None, None) => std::slice::from_ref(&made.image),
+        };
         for (path, format) in outputs.iter().zip(&formats) {
-            match (&film_made, &made.colour) {
-                (Some(r), _) => film::write(&r.image, path, *format, &setup.tone)?,
-                (None, Some(channels)) => film::write_colour(channels, path, *format, &setup.tone)?,
-                (None, None) => film::write(&made.image, path, *format, &setup.tone)?,
+            match (&bars[..], channels) {
+                ([], [r, g, b]) => {
+                    film::write_colour(&[r.clone(), g.clone(), b.clone()], path, *format, &setup.tone)?;
+                }
+                ([], _) => film::write(&channels[0], path, *format, &setup.tone)?,
+                (bars, _) => film::write_with_error(channels, bars, confidence, path, *format, &setup.tone)?,
             }
         }
+        let maps: Vec<PathBuf> = args.error_maps.iter().map(named).collect();
+        for (path, format) in maps.iter().zip(&map_formats) {
+            film::write_error(&bars, confidence, path, *format, &setup.tone)?;
+        }
         let seconds = [writing.elapsed().as_secs_f64(), begin.elapsed().as_secs_f64()];
-        let mut record = record(&setup, &made, &outputs, seconds);
+        let mut record = record(&setup, made, &outputs, seconds);
+        if let Some((refinement, error)) = refinement.as_ref().zip(drawn.error.as_ref()) {
+            record["error"] = refined::record(refinement, error);
+            record["error"]["maps"] = json!(outputs::names(&maps));
+        }
         if let Some(r) = &film_made {
             record["unit"] = json!("transmission");
             record["film"] = radiograph::record(&film, r, setup.request.seed);
         }
         if !one {
-            record["camera"]["name"] = json!(label);
+            record["camera"]["name"] = json!(view.label);
         }
         records.push(record);
         if !quiet {
-            summarise(&setup, &made, &outputs);
+            summarise(&setup, made, &outputs);
+            if let Some((refinement, error)) = refinement.as_ref().zip(drawn.error.as_ref()) {
+                refined::summarise(refinement, error);
+            }
             if let Some(r) = &film_made {
                 radiograph::summarise(&film, r);
             }
+        }
+        if drawn.error.is_some_and(|e| e.stop == Stop::Interrupted) {
+            interrupted = true;
+            break;
         }
     }
     if let Some(path) = &args.json {
@@ -105,7 +155,45 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         };
         write_json(path, &record)?;
     }
-    Ok(())
+    if interrupted { Err(anyhow::Error::new(Interrupted)) } else { Ok(()) }
+}
+
+/// An image, and what is known of its error.
+struct Drawn {
+    made: Made,
+    error: Option<Known>,
+}
+
+impl Drawn {
+    /// Error bars of the image, or of its film.
+    fn bars(&self, film: Option<&Radiograph>) -> Vec<Bars> {
+        let Some(error) = &self.error else { return vec![] };
+        match film {
+            Some(_) => error.bars.iter().map(|b| radiograph::bars(b, &self.made.image)).collect(),
+            None => error.bars.clone(),
+        }
+    }
+}
+
+fn draw(
+    args: &Args,
+    setup: &Setup,
+    refinement: Option<&Refinement>,
+    view: &Viewpoint,
+    one: bool,
+    formats: &[ImageFormat],
+    quiet: bool,
+) -> anyhow::Result<Drawn> {
+    let Some(refinement) = refinement else { return Ok(Drawn { made: render(setup, quiet)?, error: None }) };
+    let request = json!({ "method": setup.request.method, "estimand": setup.request.estimand, "kernel": setup.request.kernel,
+        "seed": setup.request.seed, "refinement": refinement, "input": setup.input, "view": setup.view });
+    let label = (!one).then_some(view.label.as_str());
+    let confidence = refinement.goal.confidence;
+    let mut watching = Watching::new(&args.watch, label, formats, setup.tone, confidence, request, quiet)?;
+    let made = refined::run(setup, refinement, quiet, |look, snapshot, bar| watching.look(look, snapshot, bar))?;
+    let MadeRefined { made, bars, looks, stop } = made;
+    watching.stop(stop)?;
+    Ok(Drawn { made, error: Some(Known { bars, looks, stop }) })
 }
 
 /// Refuses an image that will not fit into memory, sums and writing included. A pixel takes 8 bytes as a sum, 8 as a value
@@ -128,7 +216,7 @@ fn labelled(path: &Path, label: &str) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// Makes the image with a progress bar; warns of mass that the density map dropped or the near plane cut.
+/// Makes the image with a progress bar.
 fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
     let cancel = progress::interrupt_flag();
     let total = match setup.request.method {
@@ -152,6 +240,12 @@ fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
             samples.next_power_of_two()
         );
     }
+    Ok(made)
+}
+
+/// Warns of mass that the density map dropped or the near plane cut, and of a tolerance that was missed.
+fn remark(setup: &Setup, made: &Made) {
+    let method = setup.request.method;
     if made.mass.negative > 0 {
         let share = 100.0 * made.mass.dropped / made.mass.weight_sum;
         let hint = match setup.scenery.map.transfer {
@@ -184,14 +278,13 @@ fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
         );
     }
     let tolerance = setup.request.tolerance;
-    if let Some(error) = made.error.filter(|e| *e > tolerance) {
+    if let Some(error) = made.error.filter(|e| method == Method::Exact && *e > tolerance) {
         eprintln!(
             "mcvr: warning: the tolerance of {tolerance:e} was not met: {} pixels were subdivided to the limit, and the own \
              error estimate is {error:.2e}",
             made.counters["depth_limited"]
         );
     }
-    Ok(made)
 }
 
 fn record(setup: &Setup, made: &Made, outputs: &[PathBuf], [write, total]: [f64; 2]) -> Value {
@@ -263,7 +356,7 @@ fn summarise(setup: &Setup, made: &Made, outputs: &[PathBuf]) {
         rayon::current_num_threads(),
         setup.load_seconds
     );
-    if let Some(error) = made.error {
+    if let Some(error) = made.error.filter(|_| setup.request.method == Method::Exact) {
         say!("own error estimate: {error:.2e} of the mean pixel (RMS)");
     }
 }

@@ -147,11 +147,15 @@ impl<'a> Figures<'a> {
         reach(&self.curve(place, method), error.log2())
     }
 
-    /// The low-discrepancy method that reaches an error with the fewest samples; of equals the first.
+    /// The low-discrepancy method that reaches an error with the fewest samples; of equals the first. Those whose measured
+    /// errors reach it come before those that would have to go on.
     pub fn best(&self, place: &Place, error: f64) -> Option<(&'static str, Needed)> {
         let all = self.methods.iter().filter(|m| m.is_qmc() && m.order_in(place));
         let needs = all.filter_map(|m| Some((m.name, self.needs(place, m.name, error)?)));
-        needs.min_by(|a, b| a.1.samples.total_cmp(&b.1.samples))
+        needs.min_by(|a, b| {
+            let measured = a.1.extrapolated.cmp(&b.1.extrapolated);
+            measured.then(a.1.samples.total_cmp(&b.1.samples))
+        })
     }
 
     /// Checks against the truth.

@@ -141,7 +141,8 @@ pub fn needed(page: &mut String, f: &Figures<'_>) -> Outcome<()> {
     writeln!(
         page,
         "## Samples for {} % error\n\nIndependent samples by their own constant (their slope is exactly -1/2; the measured one beside \
-         it). The net, and whichever low-discrepancy method needs fewest, by straight lines between the measured errors on log \
+         it). The net, and whichever low-discrepancy method needs \
+         fewest of those whose measured errors reach so far, by straight lines between the measured errors on log \
          scales; **\\*** marks what lies beyond the largest measured number of samples, where the last line goes on.\n",
         100.0 * TARGET
     )?;

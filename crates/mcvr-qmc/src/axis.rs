@@ -30,11 +30,13 @@ impl Axis {
         s.owen.map_or(digits, |seed| owen(digits, seed))
     }
 
-    /// First 32 digits of the points from `first` on, a multiple of [`RUN`].
-    pub(crate) fn fill(&self, first: u64, words: &mut [u32]) {
+    /// First 32 digits of the points whose indices are those from `first` on with the bits of `flip` exchanged. `first` is a
+    /// multiple of [`RUN`] or of a power of two not below the words' number.
+    pub(crate) fn fill(&self, first: u64, flip: u64, words: &mut [u32]) {
         let s = &self.scrambled;
+        let shift = s.shift ^ point(&s.columns, flip);
         for (run, words) in words.chunks_mut(RUN).enumerate() {
-            let base = ((point(&s.columns, first + (run * RUN) as u64) ^ s.shift) >> 32) as u32;
+            let base = ((point(&s.columns, first + (run * RUN) as u64) ^ shift) >> 32) as u32;
             match s.owen {
                 None => xor(base, &self.table, words),
                 Some(seed) => words.iter_mut().zip(&self.table).for_each(|(w, t)| *w = owen(base ^ t, seed)),

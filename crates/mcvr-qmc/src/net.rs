@@ -42,7 +42,7 @@ impl PointStream for SobolNet {
         let first = block * BLOCK as u64;
         Strata::new(first, total, self.samples).fill(self.shift, &mut out.targets);
         for (axis, uniforms) in self.axes.iter().zip(&mut out.uniforms) {
-            axis.fill(first, uniforms);
+            axis.fill(first, 0, uniforms);
         }
     }
 }

@@ -153,7 +153,7 @@ pub fn refine(
             break Stop::Interrupted;
         }
         to = match excess {
-            Some(excess) => schedule.at_least(wanted(&looks, number, excess)),
+            Some(_) => schedule.at_least(wanted(&looks, number, goal)),
             None if hurried => schedule.at_least(at.saturating_mul(LEAP)),
             None => schedule.last(),
         };
@@ -215,9 +215,10 @@ fn estimate(replicates: &Replicates<'_>, samples: u64, goal: &Goal, risk: f64) -
 }
 
 /// Samples of a replicate that the error should need: by the slope of the last two looks, between that of independent samples
-/// and that of the best net, a little short, as a look costs less than samples that were not needed.
-fn wanted(looks: &[Look], number: usize, excess: f64) -> u64 {
-    const SHORT: f64 = 0.97;
+/// and that of the best net, from the estimate; its bound is wider while samples are few than it will be.
+fn wanted(looks: &[Look], number: usize, goal: &Goal) -> u64 {
+    /// How far a bound usually is above its estimate when the goal is near.
+    const USUAL: f64 = 1.04;
     let Some(last) = looks.last() else { return 1 };
     let slope = match looks {
         [.., before, last] => match (before.estimate.error, last.estimate.error) {
@@ -228,8 +229,11 @@ fn wanted(looks: &[Look], number: usize, excess: f64) -> u64 {
     };
     // A slope of no meaning (NaN) becomes the lower limit.
     let slope = slope.max(0.5).min(0.75);
-    let factor = (SHORT * excess.powf(1.0 / slope)).min(LEAP as f64);
-    (last.samples as f64 / number as f64 * factor.max(1.0)) as u64
+    let over = |asked: Option<f64>, known: Option<f64>| asked.zip(known).map(|(a, k)| USUAL * k / a);
+    let e = &last.estimate;
+    let ahead = [over(goal.error, e.error), over(goal.pixel.map(|p| p.error), e.pixel_error)];
+    let excess = ahead.into_iter().flatten().reduce(f64::max).unwrap_or(f64::INFINITY);
+    (last.samples as f64 / number as f64 * excess.powf(1.0 / slope).clamp(1.0, LEAP as f64)) as u64
 }
 
 impl Refined {

@@ -19,6 +19,8 @@ pub enum Purpose {
     Shift = 5,
     /// Keys of independent replicates.
     Replicate = 6,
+    /// Digital shifts of the regions of a sequence.
+    Regions = 7,
 }
 
 /// SplitMix64's finaliser: a bijection of 64-bit words whose output bits all depend on all input bits

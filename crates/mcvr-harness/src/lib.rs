@@ -22,6 +22,7 @@ mod markdown;
 mod method;
 pub mod metrics;
 mod output;
+pub mod panels;
 pub mod plot;
 pub mod record;
 mod report;

@@ -11,11 +11,17 @@
 //! | [`OrderStatistics`] | targets drawn in rising order, so that there is nothing to sort | 8 bytes per 2048 samples |
 //!
 //! [`Stratified`] draws one target in each of M intervals of equal mass: not independent, less variance.
+//! [`Systematic`] draws them at one place in all intervals, and [`Ssp`] gives each voxel its share of the samples rounded up or
+//! down; both for comparison.
 
 mod order_statistics;
+mod ssp;
 mod stratified;
+mod systematic;
 mod unsorted;
 
 pub use order_statistics::OrderStatistics;
+pub use ssp::Ssp;
 pub use stratified::Stratified;
+pub use systematic::Systematic;
 pub use unsorted::{Quicksorted, Unsorted};

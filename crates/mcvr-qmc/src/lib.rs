@@ -6,6 +6,8 @@
 //! The four-dimensional [`SobolSequence`] is for images that are refined: its passes add to each other, and each is sorted
 //! as well.
 //!
+//! [`Lattice`], [`Paired`] and [`Permuted`] are what the net was compared with.
+//!
 //! ```
 //! use mcvr_qmc::{Scramble, SobolNet};
 //! use mcvr_sampling::PointStream;
@@ -14,11 +16,19 @@
 //! ```
 
 mod axis;
+mod lattice;
 mod net;
+mod paired;
+mod permuted;
 mod scramble;
 mod sequence;
 pub mod sobol;
+mod spectral;
 
+pub use lattice::Lattice;
 pub use net::SobolNet;
+pub use paired::Paired;
+pub use permuted::Permuted;
 pub use scramble::Scramble;
 pub use sequence::{SobolRun, SobolSequence};
+pub use spectral::merit;

@@ -220,7 +220,7 @@ mod tests {
                     run.fill(block, total, &mut out);
                     for i in 0..out.targets.len() {
                         let (x, digits) = run.point(k);
-                        assert_eq!(u128::from(out.targets[i]), u128::from(x) * u128::from(total) >> 64);
+                        assert_eq!(u128::from(out.targets[i]), (u128::from(x) * u128::from(total)) >> 64);
                         assert_eq!([0, 1, 2].map(|a| out.uniforms[a][i]), digits);
                         k += 1;
                     }

@@ -25,6 +25,7 @@ mod project;
 mod real;
 mod replicates;
 pub mod rng;
+mod running;
 mod simd;
 mod stored;
 mod stream;

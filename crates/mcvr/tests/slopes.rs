@@ -6,106 +6,11 @@
 
 mod common;
 
-use common::{density, exact, stream};
-use mcvr::raycast::Reference;
-use mcvr::sampling::{Distribution, PointBlock, PointStream, RenderOptions, VoxelOrder, render};
-use mcvr::scene::{Camera, DensityMap, Estimand, Extent, Kernel, View, Watch};
-use mcvr::{Method, Scenery};
-use statrs::distribution::{ContinuousCDF, StudentsT};
-
-/// Replicates of each error.
-const REPLICATES: u64 = 64;
-/// Probability of a false alarm of each one-sided Student's t test.
-const LEVEL: f64 = 1e-4;
-
-type Streams<'a> = &'a dyn Fn(u64, u64) -> Box<dyn PointStream>;
-
-/// A phantom of 37,156 voxels that can be drawn, close enough that a few of them miss the image, and its exact
-/// `count` image of 12×12 pixels.
-fn scene() -> &'static (Scenery, Reference) {
-    static SCENE: std::sync::OnceLock<(Scenery, Reference)> = std::sync::OnceLock::new();
-    SCENE.get_or_init(|| {
-        let loaded = mcvr::volume::load("phantom:lobster@64", None).unwrap();
-        let view = View { fov: Some(14.0), ..View::default() };
-        let camera = Camera::look(&view, loaded.volume.grid(), Extent::new(12, 12).unwrap()).unwrap();
-        let scenery = Scenery::new(loaded.volume, DensityMap::default(), camera);
-        let reference = exact(&scenery, Kernel::Tent, Estimand::Count, 2e-5, 8);
-        (scenery, reference)
-    })
-}
-
-/// Mean square error over the pixels by level and replicate: `errors[level][replicate]`, `M = 2^level`.
-fn square_errors(
-    scenery: &Scenery,
-    truth: &Reference,
-    levels: std::ops::RangeInclusive<u32>,
-    streams: Streams,
-) -> Vec<Vec<f64>> {
-    let density = density(scenery);
-    let order = VoxelOrder::default().resolve(&scenery.camera, scenery.volume.grid());
-    let distribution = Distribution::new(&density, order).unwrap();
-    let options = RenderOptions { estimand: Estimand::Count, kernel: Kernel::Tent, ..RenderOptions::default() };
-    let errors: Vec<Vec<f64>> = levels
-        .map(|level| {
-            let one = |r: u64| {
-                let stream = streams(1 << level, 1000 * u64::from(level) + r);
-                let made = render(&distribution, &*stream, &scenery.camera, &options, &Watch::default()).unwrap();
-                let difference = made.image.difference(&truth.image).unwrap();
-                difference.values().iter().map(|d| d * d).sum::<f64>() / difference.values().len() as f64
-            };
-            (0..REPLICATES).map(one).collect()
-        })
-        .collect();
-    let least = errors.iter().flatten().fold(f64::INFINITY, |a, &b| a.min(b)).sqrt() / truth.image.mean();
-    let own = truth.error.rel_rmse_estimate;
-    assert!(least >= 10.0 * own, "errors of {least:e} cannot be told from the reference's {own:e}");
-    errors
-}
-
-/// Least-squares slope of `y` over consecutive levels.
-fn slope(y: &[f64]) -> f64 {
-    let n = y.len() as f64;
-    let (middle, spread) = ((n - 1.0) / 2.0, n * (n * n - 1.0) / 12.0);
-    y.iter().enumerate().map(|(i, y)| (i as f64 - middle) * y).sum::<f64>() / spread
-}
-
-/// Mean and standard error.
-fn mean(values: &[f64]) -> (f64, f64) {
-    let n = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    (mean, (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0) / n).sqrt())
-}
-
-/// log2 of each replicate's RMSE by level, as one row per replicate.
-fn log_errors(errors: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    (0..REPLICATES as usize).map(|r| errors.iter().map(|level| 0.5 * level[r].log2()).collect()).collect()
-}
-
-/// One-sided Student's critical value over the replicates.
-fn critical(level: f64) -> f64 {
-    StudentsT::new(0.0, 1.0, REPLICATES as f64 - 1.0).unwrap().inverse_cdf(1.0 - level)
-}
-
-/// The doubling, if any, at which errors do not fall beyond noise: replicates are independent, so are the logarithms
-/// of the ratio of their errors at successive levels, and Student's t test must find their mean below 0 at each
-/// doubling, at [`LEVEL`] over the number of doublings.
-fn plateau(name: &str, errors: &[Vec<f64>]) -> Option<String> {
-    let logs = log_errors(errors);
-    let doublings = errors.len() - 1;
-    let falls: Vec<_> =
-        (0..doublings).map(|d| mean(&logs.iter().map(|row| row[d + 1] - row[d]).collect::<Vec<_>>())).collect();
-    println!("{name}: log2 of the ratio of errors at each doubling {falls:.3?}");
-    let stuck = falls.iter().position(|(fall, se)| fall + critical(LEVEL / doublings as f64) * se >= 0.0)?;
-    Some(format!("{name}: no fall at doubling {stuck}: log2 of the ratio {:.3?}", falls[stuck]))
-}
-
-/// What is wrong with the claim that errors fall faster than `M^(-1/2)`, if anything: Student's t test over the
-/// replicates' slopes at [`LEVEL`].
-fn not_steep(name: &str, errors: &[Vec<f64>]) -> Option<String> {
-    let (b, se) = mean(&log_errors(errors).iter().map(|row| slope(row)).collect::<Vec<_>>());
-    println!("{name}: slope {b:.4} ± {se:.4}");
-    (b + critical(LEVEL) * se >= -0.5).then(|| format!("{name}: slope {b:.4} ± {se:.4} is not below -1/2"))
-}
+use common::convergence::*;
+use common::{density, stream};
+use mcvr::Method;
+use mcvr::sampling::{PointBlock, PointStream};
+use mcvr::scene::Estimand;
 
 /// Independent samples: the mean square error is `Σ p (1 - p) / (M P)`. Its relative variance over one image is
 /// `(2 + 1/λ) / P_eff`: the excess of a Poisson count of mean λ, and `P_eff = (Σ p)² / Σ p²` pixels that
@@ -114,7 +19,7 @@ fn not_steep(name: &str, errors: &[Vec<f64>]) -> Option<String> {
 /// levels that divided by `√(n (n² - 1) / 12)`. Five such deviations are allowed; they must be below 0.03.
 #[test]
 fn independent_samples_err_as_the_inverse_root_of_their_number() {
-    let (scenery, truth) = scene();
+    let (scenery, truth) = lobster();
     let (low, high) = (10u32, 18u32);
     let p = truth.image.values();
     let effective = truth.image.sum().powi(2) / p.iter().map(|p| p * p).sum::<f64>();
@@ -140,7 +45,7 @@ fn independent_samples_err_as_the_inverse_root_of_their_number() {
 /// beyond, the kernel offsets' own independence is left and the slope returns to -1/2 (METHOD section 3).
 #[test]
 fn stratified_samples_err_less_with_every_doubling_and_at_first_faster_than_independent_ones() {
-    let (scenery, truth) = scene();
+    let (scenery, truth) = lobster();
     let streams = |m, seed| stream(Method::Stratified, m, seed, 0);
     let few = square_errors(scenery, truth, 10..=15, &streams);
     assert_eq!(not_steep("stratified, 2^10 to 2^15", &few), None);
@@ -154,7 +59,7 @@ fn stratified_samples_err_less_with_every_doubling_and_at_first_faster_than_inde
 /// Student's t over the replicates' mean square errors.
 #[test]
 fn stratified_samples_never_err_more_than_independent_ones() {
-    let (scenery, truth) = scene();
+    let (scenery, truth) = lobster();
     let errors = square_errors(scenery, truth, 8..=20, &|m, seed| stream(Method::Stratified, m, seed, 0));
     let pixels = truth.image.values().len() as f64;
     let independent = truth.image.values().iter().map(|p| p * (1.0 - p)).sum::<f64>() / pixels;
@@ -169,7 +74,7 @@ fn stratified_samples_never_err_more_than_independent_ones() {
 
 #[test]
 fn the_net_errs_less_with_every_doubling_across_65536_and_faster_than_independent_samples() {
-    let (scenery, truth) = scene();
+    let (scenery, truth) = lobster();
     let errors = square_errors(scenery, truth, 14..=20, &|m, seed| stream(Method::Qmc, m, seed, 0));
     assert_eq!(plateau("qmc", &errors), None);
     assert_eq!(not_steep("qmc", &errors), None);
@@ -190,7 +95,7 @@ impl PointStream for Stuck {
 
 #[test]
 fn a_sampler_stuck_on_its_first_points_is_found_out() {
-    let (scenery, truth) = scene();
+    let (scenery, truth) = lobster();
     let stuck =
         |m: u64, seed| -> Box<dyn PointStream> { Box::new(Stuck(stream(Method::Qmc, m.min(1 << 12), seed, 0), m)) };
     let errors = square_errors(scenery, truth, 10..=16, &stuck);
@@ -204,7 +109,7 @@ fn a_sampler_stuck_on_its_first_points_is_found_out() {
 /// mean over R replicates is allowed five standard deviations.
 #[test]
 fn independent_samples_err_as_much_as_the_multinomial_law_says() {
-    let (scenery, truth) = scene();
+    let (scenery, truth) = lobster();
     for (method, level) in [(Method::Mc, 12u32), (Method::Mc, 17), (Method::McQuicksort, 14), (Method::McBinary, 14)] {
         let samples = 1u64 << level;
         let m = samples as f64;

@@ -117,7 +117,7 @@ pub struct MethodArgs {
     /// Order of the voxels for qmc and stratified: depth, raster, hilbert, y, z [default: depth]
     #[arg(long)]
     pub order: Option<VoxelOrder>,
-    /// Randomisation of the net: linear, owen, shift, none [default: linear]
+    /// Randomisation of the net: linear, owen, nested, shift, none [default: linear]
     #[arg(long)]
     pub scramble: Option<Scramble>,
     /// March: step in units of the smallest voxel spacing [default: 1]

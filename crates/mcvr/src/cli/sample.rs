@@ -30,7 +30,7 @@ pub struct DrawArgs {
     /// Order of the voxels for qmc and stratified: raster, hilbert, y, z [default: raster]
     #[arg(long, help_heading = "Method")]
     order: Option<VoxelOrder>,
-    /// Randomisation of the net: linear, owen, shift, none [default: linear]
+    /// Randomisation of the net: linear, owen, nested, shift, none [default: linear]
     #[arg(long, help_heading = "Method")]
     scramble: Option<Scramble>,
     /// Scene file; flags win over it

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
 
 pub mod agreement;
+pub mod convergence;
 
 use glam::{DMat3, DQuat, DVec3};
 use mcvr::raycast::{Reference, ReferenceOptions, reference};

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::curve::{Curve, Subject};
 use crate::records::Records;
-use crate::scenes::{self, FOV, Scene};
+use crate::scenes::{self, FOV, INSIDE, Scene};
 use crate::statistics::{Figure, ratio};
 use crate::strata::{STRATA, by_samples, strata};
 use crate::tally::{Coverage, Pixels, Repeat, count, coverage};
@@ -19,8 +19,6 @@ pub const PART: &str = "coverage";
 pub const TOLERANCE: f64 = 1e-4;
 /// Repeats that one thread does in a row.
 const CHUNK: u64 = 20;
-/// Samples of a pixel, over all repeats, from which its mean is taken for normal.
-pub const NORMAL: f64 = 1000.0;
 
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Row {
@@ -29,6 +27,8 @@ pub struct Row {
     pub estimand: String,
     pub replicates: u32,
     pub side: usize,
+    /// Full angle of the image, degrees.
+    pub fov: f64,
     /// Samples of all replicates together.
     pub samples: u64,
     pub repeats: u64,
@@ -52,34 +52,34 @@ struct Setting {
     estimand: Estimand,
     replicates: u32,
     samples: u64,
+    fov: f64,
     /// Whether the slope is measured too.
     slope: bool,
 }
 
-fn settings(quick: bool) -> (usize, Vec<Setting>) {
-    let (side, dense, sparse) = if quick { (24, 1 << 15, 1 << 13) } else { (96, 1 << 20, 1 << 16) };
-    let of = |method, estimand, replicates, samples, slope| Setting { method, estimand, replicates, samples, slope };
-    let settings = vec![
-        of(Method::Mc, Estimand::Line, 8, dense, true),
-        of(Method::Mc, Estimand::Count, 8, dense, false),
-        of(Method::Stratified, Estimand::Line, 8, dense, true),
-        of(Method::Qmc, Estimand::Line, 8, dense, true),
-        of(Method::Qmc, Estimand::Count, 8, dense, false),
-        of(Method::Qmc, Estimand::Line, 16, dense, false),
-        of(Method::Mc, Estimand::Line, 8, sparse, false),
-        of(Method::Qmc, Estimand::Line, 8, sparse, false),
-    ];
-    (side, settings)
+fn settings(quick: bool, scan: bool) -> (usize, Vec<Setting>) {
+    use Estimand::{Count, Line};
+    use Method::{Mc, Qmc, Stratified};
+    let (side, dense, sparse) = if quick { (16, 1 << 15, 1 << 13) } else { (48, 1 << 18, 1 << 15) };
+    let of = |method, estimand, replicates| {
+        let slope = estimand == Line && replicates == 8;
+        Setting { method, estimand, replicates, samples: dense, fov: INSIDE, slope }
+    };
+    let thin = |method| Setting { samples: sparse, fov: FOV, slope: false, ..of(method, Line, 8) };
+    let (mc, qmc) = (of(Mc, Line, 8), [of(Qmc, Line, 8), of(Qmc, Count, 8), of(Qmc, Line, 16)]);
+    // Of the scan, whose images take longer, a part.
+    let more = if scan { vec![] } else { vec![of(Mc, Count, 8), of(Stratified, Line, 8)] };
+    (side, [mc].into_iter().chain(more).chain(qmc).chain([thin(Mc), thin(Qmc)]).collect())
 }
 
 pub fn measure(options: &Options) -> Outcome<()> {
     let mut records = Records::open(options, PART)?;
-    let (side, settings) = settings(options.quick);
     for scene in scenes::both(options)? {
+        let (side, settings) = settings(options.quick, scene.name == "lobster");
         for s in &settings {
             let key = format!(
-                "{}, {}, {}, R {}, {side}x{side}, {} samples, {} repeats",
-                scene.name, s.method, s.estimand, s.replicates, s.samples, options.repeats
+                "{}, {}, {}, R {}, {side}x{side}, {} degrees, {} samples, {} repeats",
+                scene.name, s.method, s.estimand, s.replicates, s.fov, s.samples, options.repeats
             );
             records.row(options, PART, &key, || row(options, &scene, side, s))?;
         }
@@ -88,8 +88,8 @@ pub fn measure(options: &Options) -> Outcome<()> {
 }
 
 fn row(options: &Options, scene: &Scene, side: usize, setting: &Setting) -> Outcome<Row> {
-    let Setting { method, estimand, replicates, samples, slope } = *setting;
-    let scenery = scene.scenery(side, Some(FOV))?;
+    let Setting { method, estimand, replicates, samples, fov, slope } = *setting;
+    let scenery = scene.scenery(side, Some(fov))?;
     let truth_of = |estimand| truth(&options.out, &scenery, estimand, TOLERANCE);
     let (truth, shares) = (truth_of(estimand)?, truth_of(Estimand::Count)?);
     let request = Request { method, estimand, ..Request::default() };
@@ -107,8 +107,7 @@ fn row(options: &Options, scene: &Scene, side: usize, setting: &Setting) -> Outc
         let repeats = seeds.map(|seed| count(&subject.image(seed, samples)?, &truth, &groups, &mut pixels));
         Ok((repeats.collect::<Outcome<_>>()?, pixels))
     };
-    let chunks: Vec<_> =
-        (0..options.repeats.div_ceil(CHUNK)).into_par_iter().map(chunk).collect::<Outcome<_>>()?;
+    let chunks: Vec<_> = (0..options.repeats.div_ceil(CHUNK)).into_par_iter().map(chunk).collect::<Outcome<_>>()?;
     let (mut repeats, mut sums) = (vec![], Pixels::new(expected.len()));
     for (some, pixels) in chunks {
         repeats.extend(some);
@@ -126,6 +125,7 @@ fn row(options: &Options, scene: &Scene, side: usize, setting: &Setting) -> Outc
         estimand: estimand.to_string(),
         replicates,
         side,
+        fov,
         samples,
         repeats: options.repeats,
         truth_error: truth.own_error,
@@ -133,7 +133,7 @@ fn row(options: &Options, scene: &Scene, side: usize, setting: &Setting) -> Outc
         strata: covered,
         by_samples,
         squares: ratio(repeats.iter().map(|r| r.squares)),
-        worst: sums.worst(&expected, n, NORMAL),
+        worst: sums.worst(&expected, &truth, n),
         curve,
     })
 }

@@ -107,9 +107,13 @@ mod tests {
         let o = read("--out o --data d --only seeds --repeats 50 --resume").unwrap();
         assert!(o.resume && !o.quick && o.repeats == 50 && o.wants("seeds") && !o.wants("coverage"));
         assert!(read("--out o --quick --data d").unwrap().data.is_none());
-        for (words, named) in
-            [("--only table", "--only"), ("--repeats 3", "'3'"), ("--out", "--out"), ("", "--out"), ("--outt o", "--outt")]
-        {
+        for (words, named) in [
+            ("--only table", "--only"),
+            ("--repeats 3", "'3'"),
+            ("--out", "--out"),
+            ("", "--out"),
+            ("--outt o", "--outt"),
+        ] {
             let said = read(words).err().unwrap();
             assert!(said.contains(named), "{words}: {said}");
         }

@@ -10,7 +10,7 @@ use crate::curve::Curve;
 use crate::records::{Keyed, Records};
 use crate::statistics::{Figure, sidak, two_sided};
 use crate::strata::STRATA;
-use crate::tally::Coverage;
+use crate::tally::{Coverage, ENOUGH};
 use crate::{Outcome, coverage, seeds, stopping};
 
 /// Range that the coverage of 95 % intervals is to lie in.
@@ -85,14 +85,22 @@ fn coverage_part(page: &mut String, records: &Records<coverage::Row>) -> Outcome
     let names = ["setting", "dark", "bright", "edge", "all", "estimated over actual squared error", "RMSE"];
     head(page, &names)?;
     for Keyed { row, .. } in &records.rows {
-        let of = |s: &str| coverage::of(row, s).map_or("-".into(), |c| format!("{:.2}; {:.3}", c.width, c.variance));
+        let of = |s: &str| {
+            coverage::of(row, s).map_or("-".into(), |c| {
+                let cell = |v: Option<f64>, digits: usize| v.map_or("-".into(), |v| format!("{v:.digits$}"));
+                format!("{}; {}", cell(c.width, 2), cell(c.variance, 3))
+            })
+        };
         let squares = row.squares.map_or("-".into(), |f| format!("{:.4} ± {:.4}", f.value, f.error));
         let cells = STRATA.map(of).join(" | ");
         writeln!(page, "| {} | {cells} | {squares} | {:.2} % |", setting(row), 100.0 * row.error)?;
     }
     unbiased(page, records)?;
     by_samples(page, records)?;
-    writeln!(page, "### Slope\n\nRelative RMSE over samples, least squares of the logarithms, at every doubling from the first look.\n")?;
+    writeln!(
+        page,
+        "### Slope\n\nRelative RMSE over samples, least squares of the logarithms, at every doubling from the first look.\n"
+    )?;
     head(page, &["setting", "slope", "samples: relative RMSE in %"])?;
     for Keyed { row, .. } in &records.rows {
         let Some(Curve { levels, slope: Some(slope), seeds }) = &row.curve else { continue };
@@ -110,7 +118,7 @@ fn inside(c: &Coverage) -> bool {
 
 fn setting(row: &coverage::Row) -> String {
     let samples = (row.samples as f64).log2();
-    format!("{}, {}, {}, R {}, 2^{samples}", row.scene, row.method, row.estimand, row.replicates)
+    format!("{}, {}, {}, R {}, 2^{samples}, {}°", row.scene, row.method, row.estimand, row.replicates, row.fov)
 }
 
 fn unbiased(page: &mut String, records: &Records<coverage::Row>) -> Outcome<()> {
@@ -118,10 +126,10 @@ fn unbiased(page: &mut String, records: &Records<coverage::Row>) -> Outcome<()> 
     let level = sidak(FAMILY, tests.max(1));
     writeln!(
         page,
-        "\n### Unbiased\n\nMean of (image - truth) over the mean truth of each stratum, in parts per million, over the repeats, and its z. With {tests} tests a \
+        "\n### Unbiased\n\nMean of (image - truth) over the mean truth of each stratum, in parts per million, over the repeats, and its z (the truth's own error included). With {tests} tests a \
          |z| beyond p = {level:.1e} (Šidák, {FAMILY} for the whole table) would be a bias; those are bold. Last column: the largest |z| of any single \
          pixel with at least {} samples in all repeats, and its p times the number of such pixels.\n",
-        coverage::NORMAL
+        ENOUGH
     )?;
     head(page, &["setting", "dark", "bright", "edge", "all", "worst pixel", "truth's own error / RMSE of an image"])?;
     for Keyed { row, .. } in &records.rows {
@@ -141,7 +149,10 @@ fn unbiased(page: &mut String, records: &Records<coverage::Row>) -> Outcome<()> 
 
 fn by_samples(page: &mut String, records: &Records<coverage::Row>) -> Outcome<()> {
     writeln!(page, "{BY_SAMPLES}")?;
-    head(page, &["setting", "samples", "pixels", "no sample %", "bound holds %", "interval holds %", "both together %"])?;
+    head(
+        page,
+        &["setting", "samples", "pixels", "no sample %", "bound holds %", "interval holds %", "both together %"],
+    )?;
     for Keyed { row, .. } in &records.rows {
         for c in &row.by_samples {
             writeln!(
@@ -253,7 +264,7 @@ Whole repeats - another seed, another image, nothing shared - against exact ray 
 
 (`--only coverage`, `stopping` or `seeds` for one part, `--resume` to go on; all records are in the `.json` files beside.)
 Scenes: `phantom` is `phantom:lobster@64`, which anyone can make; `lobster` is the CT scan, voxels of 1 × 1 × 1.4 mm. View 30,60,
-18 degrees wide unless stated, kernel `tent`. ± is one standard error over the repeats: the pixels of one image are correlated, repeats are not.
+18 degrees wide unless stated, estimand `line` unless stated, kernel `tent`. ± is one standard error over the repeats: the pixels of one image are correlated, repeats are not.
 Errors are over the mean pixel of the truth.
 
 ";
@@ -261,13 +272,14 @@ Errors are over the mean pixel of the truth.
 const COVERAGE: &str = "## Coverage of the 95 % intervals
 
 The share of pixels' intervals that hold the truth, in %. Strata, of the pixels whose truth is not 0: **dark** the lowest third, **bright** the highest third,
-**edge** the tenth with the steepest gradient (central differences), **all**. A pixel without a sample has a bound, which counts as its interval. Images of 96×96 pixels;
-2^20 samples are the setting where almost every pixel gets enough, 2^16 the sparse one, reported as found. R is the number of replicates.
+**edge** the tenth with the steepest gradient (central differences), **all**. A pixel without a sample has a bound, which counts as its interval. Images of 48×48 pixels;
+8 degrees and 2^18 samples are the setting where every pixel gets enough, 18 degrees and 2^15 the sparse one with slivers at the border of the
+volume, reported as found. R is the number of replicates.
 The truth is asked for 1e-4 of the mean pixel; how far its own error lies below that of an image is in the table *Unbiased*.
 ";
 
 const WIDTHS: &str = "Mean width of the intervals in units of the true standard error (the standard deviation of the pixel over the repeats), and mean squared
-standard error over the true variance. With R - 1 = 7 degrees of freedom Student's interval is 4.56 wide on average, with 15 it is 4.19. The last columns: mean of the images' own
+standard error over the true variance, averaged over the pixels that got at least 1000 samples in all repeats. With R - 1 = 7 degrees of freedom Student's interval is 4.56 wide on average, with 15 it is 4.19. The last columns: mean of the images' own
 estimates of their squared relative RMSE over the mean of what it really is, which should be 1, and that RMSE.
 ";
 

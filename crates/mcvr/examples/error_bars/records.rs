@@ -51,7 +51,13 @@ impl<R: Serialize + DeserializeOwned> Records<R> {
     }
 
     /// Measures a row unless it is there, and writes all rows and the page.
-    pub fn row(&mut self, options: &Options, part: &str, key: &str, measure: impl FnOnce() -> Outcome<R>) -> Outcome<()> {
+    pub fn row(
+        &mut self,
+        options: &Options,
+        part: &str,
+        key: &str,
+        measure: impl FnOnce() -> Outcome<R>,
+    ) -> Outcome<()> {
         if self.rows.iter().any(|r| r.key == key) {
             eprintln!("{part}: {key}: kept");
             return Ok(());

@@ -10,6 +10,8 @@ use crate::{Options, Outcome};
 
 /// Full angle of the small images: the lobster fills them.
 pub const FOV: f64 = 18.0;
+/// Full angle at which no pixel sees past the lobster's disc: all pixels have samples.
+pub const INSIDE: f64 = 8.0;
 const FILE: &str = "lobster_301x324x56_uint8.raw.gz";
 
 /// A volume under the name that the tables give it.

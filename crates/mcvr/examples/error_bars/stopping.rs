@@ -177,7 +177,8 @@ fn row(options: &Options, scene: &Scene, (method, side, target, share, confidenc
             samples,
             overshoot: enough.map(|e| samples.value / e),
             looks: mean(of().map(|s| f64::from(s.look.pass))).value,
-            achieved: [mean(of().map(|s| s.error)).value, of().map(|s| s.error).fold(0.0, f64::max)].map(|e| e / target),
+            achieved: [mean(of().map(|s| s.error)).value, of().map(|s| s.error).fold(0.0, f64::max)]
+                .map(|e| e / target),
         })
     };
     let bounds = all.iter().map(|[rule, _]| bound(&rule.look).unwrap_or(f64::NAN) / rule.error);

@@ -64,7 +64,8 @@ mod tests {
     #[test]
     fn strata_are_thirds_and_a_tenth_of_what_is_not_empty() {
         // 0 in the first column, then a ramp with a step.
-        let values = (0..60).map(|p| [0.0, 1.0, 2.0, 3.0, 50.0, 51.0][p % 6] + if p % 6 > 0 { p as f64 * 1e-3 } else { 0.0 });
+        let values =
+            (0..60).map(|p| [0.0, 1.0, 2.0, 3.0, 50.0, 51.0][p % 6] + if p % 6 > 0 { p as f64 * 1e-3 } else { 0.0 });
         let image = Image::from_values(Extent::new(6, 10).unwrap(), values.collect()).unwrap();
         let s = strata(&image);
         assert_eq!(s.iter().map(|g| g.pixels.len()).collect::<Vec<_>>(), [16, 16, 5, 50]);

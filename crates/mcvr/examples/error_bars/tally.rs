@@ -8,6 +8,9 @@ use crate::statistics::{Figure, mean, ratio};
 use crate::strata::Group;
 use crate::truths::Truth;
 
+/// Samples of a pixel, over all repeats, from which its mean is taken for normal and its variance for known.
+pub const ENOUGH: f64 = 1000.0;
+
 /// What one repeat says of a group of pixels.
 #[derive(Clone, Copy, Default)]
 struct Held {
@@ -51,14 +54,14 @@ impl Pixels {
         (mean, (square / repeats - mean * mean).max(0.0) * repeats / (repeats - 1.0))
     }
 
-    /// The largest deviation of a pixel's mean from the truth, in standard errors, of pixels that got at least `least` samples in
-    /// all repeats together (fewer are not normal); and their number.
-    pub fn worst(&self, expected: &[f64], repeats: f64, least: f64) -> (f64, usize) {
+    /// The largest deviation of a pixel's mean from the truth, in standard errors, the truth's own included, of pixels with enough
+    /// samples in all repeats together; and their number.
+    pub fn worst(&self, expected: &[f64], truth: &Truth, repeats: f64) -> (f64, usize) {
         let deviation = |p: usize| {
             let (off, variance) = self.moments(p, repeats);
-            off.abs() / (variance / repeats).sqrt()
+            off.abs() / (variance / repeats).sqrt().hypot(truth.error.values()[p])
         };
-        let judged = (0..self.0.len()).filter(|&p| expected[p] * repeats >= least);
+        let judged = (0..self.0.len()).filter(|&p| expected[p] * repeats >= ENOUGH);
         (judged.clone().map(deviation).fold(0.0, f64::max), judged.count())
     }
 }
@@ -111,11 +114,11 @@ pub struct Coverage {
     pub bound: Option<Figure>,
     /// Share of the intervals of the other pixels that hold.
     pub interval: Option<Figure>,
-    /// Mean width over the true standard error, averaged over the pixels.
-    pub width: f64,
-    /// Mean squared standard error over the true variance, averaged over the pixels.
-    pub variance: f64,
-    /// Sum of (image - truth) over the sum of the truth.
+    /// Mean width over the true standard error, averaged over the pixels with [`ENOUGH`] samples; `None` where there are none.
+    pub width: Option<f64>,
+    /// Mean squared standard error over the true variance, likewise.
+    pub variance: Option<f64>,
+    /// Sum of (image - truth) over the sum of the truth. Its standard error includes the truth's own.
     pub bias: Figure,
     /// Mean of (image - truth) / standard error; not 0 where few samples fall, as faint pixels have short bars.
     pub studentised: Figure,
@@ -135,14 +138,16 @@ pub fn coverage(
     let mut samples: Vec<f64> = group.pixels.iter().map(|&p| expected[p]).collect();
     samples.sort_by(f64::total_cmp);
     let light: f64 = group.pixels.iter().map(|&p| truth.image.values()[p]).sum();
-    // Pixels that no repeat hit have no spread to compare with.
-    let lit = group.pixels.iter().filter_map(|&p| {
+    let known = group.pixels.iter().filter(|&&p| expected[p] * number >= ENOUGH).map(|&p| {
         let (_, variance) = sums.moments(p, number);
         let [_, _, width, square] = sums.0[p];
-        (variance > 0.0).then(|| (width / number / variance.sqrt(), square / number / variance))
+        (width / number / variance.sqrt(), square / number / variance)
     });
-    let (width, variance): (Vec<f64>, Vec<f64>) = lit.unzip();
-    let average = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
+    let (width, variance): (Vec<f64>, Vec<f64>) = known.unzip();
+    let average = |v: &[f64]| (!v.is_empty()).then(|| v.iter().sum::<f64>() / v.len() as f64);
+    let mut bias = mean(held.clone().map(|h| h.off / light));
+    let own: f64 = group.pixels.iter().map(|&p| truth.error.values()[p].powi(2)).sum();
+    bias.error = bias.error.hypot(own.sqrt() / light);
     Some(Coverage {
         name: group.name.clone(),
         pixels: group.pixels.len(),
@@ -153,7 +158,7 @@ pub fn coverage(
         interval: ratio(held.clone().map(|h| (h.interval, h.resolved))),
         width: average(&width),
         variance: average(&variance),
-        bias: mean(held.clone().map(|h| h.off / light)),
+        bias,
         studentised: mean(held.map(|h| h.studentised / all)),
     })
 }

@@ -12,6 +12,8 @@ use crate::Outcome;
 
 pub struct Truth {
     pub image: Image,
+    /// The ray caster's estimate of the error of each pixel.
+    pub error: Image,
     /// RMS of the ray caster's own estimate of its error, over the mean pixel.
     pub own_error: f64,
 }
@@ -60,5 +62,5 @@ pub fn truth(out: &Path, scenery: &Scenery, estimand: Estimand, tolerance: f64) 
         (made.image, made.error.image)
     };
     let own_error = rms(error.values().iter().copied()) / image.mean();
-    Ok(Truth { image, own_error })
+    Ok(Truth { image, error, own_error })
 }

@@ -79,29 +79,29 @@ fn settings(quick: bool, scan: bool) -> Vec<Setting> {
     }
     if scan {
         return vec![
-            (Mc, 64, 0.1, None, 0.95),
+            (Mc, 32, 0.1, None, 0.95),
+            (Qmc, 32, 0.1, None, 0.95),
+            (Qmc, 32, 0.05, None, 0.95),
+            (Qmc, 32, 0.05, Some(0.95), 0.95),
             (Qmc, 64, 0.1, None, 0.95),
-            (Qmc, 64, 0.05, None, 0.95),
-            (Qmc, 64, 0.05, Some(0.95), 0.95),
-            (Qmc, 128, 0.1, None, 0.95),
         ];
     }
     vec![
+        (Mc, 32, 0.1, None, 0.95),
+        (Mc, 32, 0.05, None, 0.95),
+        (Qmc, 32, 0.1, None, 0.95),
+        (Qmc, 32, 0.05, None, 0.95),
+        (Qmc, 32, 0.02, None, 0.95),
         (Mc, 64, 0.1, None, 0.95),
-        (Mc, 64, 0.05, None, 0.95),
         (Qmc, 64, 0.1, None, 0.95),
         (Qmc, 64, 0.05, None, 0.95),
-        (Qmc, 64, 0.02, None, 0.95),
-        (Mc, 128, 0.1, None, 0.95),
-        (Qmc, 128, 0.1, None, 0.95),
-        (Qmc, 128, 0.05, None, 0.95),
-        (Mc, 64, 0.1, None, 0.8),
-        (Qmc, 64, 0.1, None, 0.8),
-        (Qmc, 64, 0.05, None, 0.8),
-        (Mc, 64, 0.1, Some(0.95), 0.95),
-        (Qmc, 64, 0.1, Some(0.95), 0.95),
-        (Qmc, 64, 0.05, Some(0.95), 0.95),
-        (Qmc, 64, 0.05, Some(0.95), 0.8),
+        (Mc, 32, 0.1, None, 0.8),
+        (Qmc, 32, 0.1, None, 0.8),
+        (Qmc, 32, 0.05, None, 0.8),
+        (Mc, 32, 0.1, Some(0.95), 0.95),
+        (Qmc, 32, 0.1, Some(0.95), 0.95),
+        (Qmc, 32, 0.05, Some(0.95), 0.95),
+        (Qmc, 32, 0.05, Some(0.95), 0.8),
     ]
 }
 
@@ -165,7 +165,7 @@ fn row(options: &Options, scene: &Scene, (method, side, target, share, confidenc
     let all: Vec<[Stopped; 2]> = (1..=options.repeats).into_par_iter().map(repeat).collect::<Outcome<_>>()?;
     let most = all.iter().map(|[rule, _]| rule.look.samples).max().unwrap_or(1);
     let subject = Subject { scenery: &scenery, truth: &truth, request, replicates: refinement.replicates };
-    let seeds = (options.repeats / 10).max(10);
+    let seeds = (options.repeats / 20).max(10);
     let curve = Curve::of(&subject, most.next_power_of_two(), seeds, |image| asked(&truth, share, image))?;
     let enough = enough(&curve.points(), target);
     let rule = |n: usize| -> Outcome<Rule> {

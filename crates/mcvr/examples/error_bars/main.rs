@@ -1,6 +1,6 @@
 //! How far error bars and the stopping rule can be believed, measured over whole repeats against exact ray casting.
 //!
-//! `cargo run --release -p mcvr --example error_bars -- --out DIR [--data DIR] [--only coverage|stopping|seeds] [--repeats N]
+//! `cargo run --release -p mcvr --example error_bars -- --out DIR [--data DIR] [--only coverage|stopping|seeds|page] [--repeats N]
 //! [--resume] [--quick]` writes `coverage.json`, `stopping.json`, `seeds.json` and `README.md`, anew after every row: what is
 //! finished outlives Ctrl-C, and `--resume` goes on from there. The data folder holds the lobster of the main README's "Real scans";
 //! without it the phantom alone is measured. Truths are kept in `OUT/truths` and cast again only where the scene changed.
@@ -24,9 +24,10 @@ use std::path::PathBuf;
 /// Any failure.
 pub type Outcome<T> = Result<T, Box<dyn std::error::Error + Send + Sync>>;
 
-const PARTS: [&str; 3] = ["coverage", "stopping", "seeds"];
+const PARTS: [&str; 4] = ["coverage", "stopping", "seeds", "page"];
 
-const USAGE: &str = "give --out DIR [--data DIR] [--only coverage|stopping|seeds] [--repeats N] [--resume] [--quick]";
+const USAGE: &str =
+    "give --out DIR [--data DIR] [--only coverage|stopping|seeds|page] [--repeats N] [--resume] [--quick]";
 
 /// What was asked for on the command line.
 pub struct Options {

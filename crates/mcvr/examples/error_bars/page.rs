@@ -153,7 +153,8 @@ fn by_samples(page: &mut String, records: &Records<coverage::Row>) -> Outcome<()
         page,
         &["setting", "samples", "pixels", "no sample %", "bound holds %", "interval holds %", "both together %"],
     )?;
-    for Keyed { row, .. } in &records.rows {
+    let sparse = |row: &coverage::Row| row.by_samples.iter().any(|c| c.expected[0] < 1.0);
+    for Keyed { row, .. } in records.rows.iter().filter(|r| sparse(&r.row)) {
         for c in &row.by_samples {
             writeln!(
                 page,
@@ -285,7 +286,7 @@ estimates of their squared relative RMSE over the mean of what it really is, whi
 
 const BY_SAMPLES: &str = "### By the number of samples that a pixel expects
 
-Expected numbers are from the exact `count` image. Pixels without a sample: their share, and how often their bound (Clopper and Pearson) holds. Where few samples
+The sparse settings; the others are in `coverage.json`. Expected numbers are from the exact `count` image. Pixels without a sample: their share, and how often their bound (Clopper and Pearson) holds. Where few samples
 are expected, the intervals of the others hold less often than these columns together: a pixel is only resolved if it got more than it expects.
 ";
 

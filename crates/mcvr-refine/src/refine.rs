@@ -63,6 +63,9 @@ const LEAP: u64 = 16;
 /// Passes that take longer than this, in seconds, can be stopped in the middle.
 const LONG: f64 = 0.2;
 
+/// From this growth on it can be cheaper to draw all points again, in fewer runs: each run walks through the whole volume.
+const REDRAW: u64 = 8;
+
 /// Share of the time left that a pass is planned to take.
 const MARGIN: f64 = 0.95;
 
@@ -109,7 +112,10 @@ pub fn refine(
     let mut at = 0;
     let mut to = match hurried || *doubling {
         // A quarter of a sample a pixel: enough to see how far away the goal is.
-        true => schedule.at_least(replicates.camera().extent().pixels() as u64 / (4 * number as u64)),
+        true => {
+            let few = replicates.camera().extent().pixels() as u64 / (4 * number as u64);
+            schedule.at_least(few.next_power_of_two())
+        }
         false => schedule.last(),
     };
     let stop = loop {
@@ -118,7 +124,16 @@ pub fn refine(
         let kept = (long && at > 0 && watch.cancel.is_some()).then(|| Picture::of(replicates, at, goal.confidence));
         let watch = Watch { cancel: watch.cancel.filter(|_| long), ..*watch };
         let begun = Instant::now();
-        match replicates.add(&points(source, number, at, to), &watch) {
+        let mut from = at;
+        let mut next = points(source, number, at, to);
+        if at > 0 && to >= REDRAW * at {
+            let all = points(source, number, 0, to);
+            if all.len() < next.len() {
+                replicates.clear();
+                (from, next) = (0, all);
+            }
+        }
+        match replicates.add(&next, &watch) {
             Ok(spent) => {
                 seconds.sampling += spent.sampling;
                 seconds.projection += spent.projection;
@@ -140,7 +155,7 @@ pub fn refine(
         looks.push(look);
         let snapshot = Snapshot { replicates, samples: to, confidence: goal.confidence };
         let broken = on_look(&look, &snapshot).is_break();
-        let rate = begun.elapsed().as_secs_f64() / (to - at) as f64;
+        let rate = begun.elapsed().as_secs_f64() / (to - from) as f64;
         at = to;
         let excess = goal.excess(&look.estimate);
         if excess.is_some_and(|e| e <= 1.0) {

@@ -55,6 +55,11 @@ impl Totals {
         Worker { totals: self, own, since_flush: 0 }
     }
 
+    /// Back to nothing.
+    pub(crate) fn clear(&mut self) {
+        self.sums.iter_mut().for_each(|s| *s.get_mut() = 0);
+    }
+
     /// Fewer samples than this are added one by one: emptying private copies would take longer.
     fn few(&self) -> u64 {
         self.sums.len() as u64 / 8

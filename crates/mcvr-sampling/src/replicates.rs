@@ -39,6 +39,8 @@ pub struct Replicates<'a> {
     films: Vec<Totals>,
     samples: Vec<u64>,
     counters: Counters,
+    discarded: Counters,
+    gradient_field: u64,
 }
 
 /// What turns points into pixels.
@@ -86,12 +88,22 @@ impl<'a> Replicates<'a> {
         let slots = channels.number * camera.extent().pixels();
         let films = (0..number).map(|_| Totals::new(slots, workers)).collect::<Result<_, _>>()?;
         let samples = vec![0; number];
-        let counters = Counters {
-            gradient_field: view.as_ref().and_then(|v| v.effects.as_ref()).map_or(0, EffectPasses::field_voxels),
-            ..Counters::default()
-        };
+        let gradient_field = view.as_ref().and_then(|v| v.effects.as_ref()).map_or(0, EffectPasses::field_voxels);
+        let (counters, discarded) = (Counters::default(), Counters::default());
         let estimand = options.estimand;
-        Ok(Self { distribution, camera, estimand, projection, view, channels, films, samples, counters })
+        Ok(Self {
+            distribution,
+            camera,
+            estimand,
+            projection,
+            view,
+            channels,
+            films,
+            samples,
+            counters,
+            discarded,
+            gradient_field,
+        })
     }
 
     /// Adds samples on the current pool.
@@ -136,6 +148,13 @@ impl<'a> Replicates<'a> {
         Ok(exposed.seconds(start))
     }
 
+    /// Takes all samples out again. Their work stays counted, in [`Replicates::work`].
+    pub fn clear(&mut self) {
+        self.films.iter_mut().for_each(Totals::clear);
+        self.samples.fill(0);
+        self.discarded.add(&std::mem::take(&mut self.counters));
+    }
+
     /// Number of replicates.
     pub fn number(&self) -> usize {
         self.films.len()
@@ -146,9 +165,17 @@ impl<'a> Replicates<'a> {
         &self.samples
     }
 
-    /// The work of all replicates so far.
+    /// The work behind the samples that are in.
     pub fn counters(&self) -> &Counters {
         &self.counters
+    }
+
+    /// All work so far, also that on samples which were taken out.
+    pub fn work(&self) -> Counters {
+        let mut all = self.counters;
+        all.add(&self.discarded);
+        all.gradient_field = self.gradient_field;
+        all
     }
 
     /// Arithmetic of the projection.

@@ -149,7 +149,7 @@ pub fn refine(
         samples: looks.last().map_or(0, |l| l.samples),
         counters: json!({
             "distribution": distribution.counters(),
-            "render": counters,
+            "render": replicates.work(),
             "order": order,
             "precision": replicates.precision(),
         }),

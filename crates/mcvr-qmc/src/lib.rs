@@ -6,7 +6,11 @@
 //! The four-dimensional [`SobolSequence`] is for images that are refined: its passes add to each other, and each is sorted
 //! as well.
 //!
-//! [`Lattice`], [`Paired`] and [`Permuted`] are what the net was compared with.
+//! [`Lattice`], [`Paired`] and [`Permuted`] are what the net was compared with. Measured on six scans, near an axis and from oblique
+//! views (`bench-results`, `qmc-study`), error × √time over that of independent samples, at 2^26 samples: the net with the depth
+//! axis innermost 0.31 and 0.43, the sequence in one run 0.33 and 0.45, Hilbert order 0.39 and 0.46, the nested scramble by a
+//! hash 0.45 and 0.63 for the same error at more time, lattices 0.32 and 0.77 and erratic, systematic sampling 0.79. Hence the
+//! defaults: the net for one image, the sequence for one that is refined, the linear scramble, the depth order.
 //!
 //! ```
 //! use mcvr_qmc::{Scramble, SobolNet};

@@ -59,9 +59,9 @@ impl Interval {
             return None;
         }
         let squares = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>();
-        // Samples are whole: replicates may agree by chance, and then show no spread where there is some. Half a squared
-        // sample on the sum of squares keeps such a pixel from claiming to be exact; it vanishes beside many samples.
-        let variance = (squares + 0.5 * self.sample * self.sample) / (n - 1.0) / n;
+        // Samples are whole: replicates may agree by chance, and then show no spread where there is some. They are taken to
+        // disagree by half a squared sample, which is less than the (R - 1)/R of one that is too many in one replicate.
+        let variance = squares.max(0.5 * self.sample * self.sample) / (n - 1.0) / n;
         // A faint pixel's spread grows with its value: the interval holds the means μ that lie within t standard errors of
         // this one when their variance is this one's times μ / mean (Wilson 1927, with the dispersion that is observed).
         let a = self.t * self.t * variance / mean;

@@ -45,4 +45,6 @@ pub use matrix_file::{MatrixFileError, read_matrix};
 pub use measured::Measured;
 pub use method::Method;
 pub use refine::{MadeRefined, Refinement, refine};
-pub use scene_file::{CameraSection, ImageSection, SamplingSection, SceneFile, SceneFileError, VolumeSection};
+pub use scene_file::{
+    CameraSection, ErrorSection, ImageSection, PixelSection, SamplingSection, SceneFile, SceneFileError, VolumeSection,
+};

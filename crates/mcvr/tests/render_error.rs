@@ -126,6 +126,20 @@ fn what_cannot_be_is_refused_before_the_work() {
 }
 
 #[test]
+fn a_scene_can_ask_for_an_error_and_flags_win() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "[volume]\ninput = \"phantom:lobster@32\"\n[image]\nsize = [40, 30]\n[error]\nrmse = 0.05\n";
+    std::fs::write(folder.path().join("s.toml"), text).unwrap();
+    for (flags, asked) in [(&[][..], 0.05), (&["--error", "10%"], 0.1)] {
+        let out = mcvr(folder.path(), &[&["render", "s.toml", "-o", "a.png", "--json", "-"], flags].concat());
+        let record: Value = serde_json::from_slice(&out.stdout).unwrap();
+        assert_eq!((&record["error"]["goal"]["error"], &record["error"]["stop"]), (&asked.into(), &"reached".into()));
+    }
+    let out = mcvr(folder.path(), &["plan", "s.toml"]);
+    assert!(String::from_utf8_lossy(&out.stderr).contains("not forecast"));
+}
+
+#[test]
 fn a_film_has_error_bars_of_its_own() {
     let folder = tempfile::tempdir().unwrap();
     let map = ["--map", "linear:2e-5,0", "--transmission"];

@@ -7,7 +7,7 @@ use anyhow::bail;
 use mcvr::plan::{Plan, Verdict, plan};
 use mcvr::scene::Watch;
 use mcvr::scene::film::Film;
-use mcvr::{Made, MakeError, Method, make};
+use mcvr::{ErrorSection, Made, MakeError, Method, make};
 use serde_json::{Value, json};
 
 use super::args::{ImageArgs, ToneArgs};
@@ -47,6 +47,12 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     radiograph::check(&film, &setup)?;
     for note in setup.notes.iter().filter(|_| !quiet) {
         say!("mcvr: note: {note}");
+    }
+    if setup.error != ErrorSection::default() && !quiet {
+        say!(
+            "mcvr: note: how many samples the scene's error takes is not forecast; this is the plan of one image of {} samples",
+            setup.request.samples
+        );
     }
     let text = !quiet && args.json.as_deref() != Some(Path::new("-"));
     let views = std::mem::take(&mut setup.views);

@@ -7,7 +7,7 @@ use clap::Args;
 use mcvr::qmc::Scramble;
 use mcvr::refinement::{Bars, Goal, Limits, Look, PixelGoal, Snapshot, Stop};
 use mcvr::scene::Watch;
-use mcvr::{MadeRefined, Method, Refinement, refine};
+use mcvr::{MadeRefined, Method, PixelSection, Refinement, refine};
 use serde_json::{Value, json};
 
 use super::numbers;
@@ -50,23 +50,21 @@ fn replicates(text: &str) -> Result<u32, String> {
 }
 
 impl ErrorArgs {
-    /// The refinement that is asked for, if any is. `samples` is what was given; `wanted` says that something else needs it, and
-    /// `doubling` that someone watches it pass by pass.
-    pub fn refinement(
-        &self,
-        setup: &Setup,
-        samples: Option<u64>,
-        wanted: bool,
-        doubling: bool,
-    ) -> anyhow::Result<Option<Refinement>> {
+    /// The refinement that is asked for, if any is: by these arguments, or by the scene. `wanted` says that something else needs it,
+    /// and `doubling` that someone watches it pass by pass.
+    pub fn refinement(&self, setup: &Setup, wanted: bool, doubling: bool) -> anyhow::Result<Option<Refinement>> {
+        let scene = &setup.error;
+        let confidence = self.confidence.or(scene.confidence);
+        let time = self.time.or(scene.time);
+        let replicates = self.replicates.or(scene.replicates);
         let goal = Goal {
-            error: self.error,
-            pixel: self.error_pixel,
-            confidence: self.confidence.unwrap_or(Goal::default().confidence),
+            error: self.error.or(scene.rmse),
+            pixel: self.error_pixel.or(scene.pixel.as_ref().map(PixelSection::goal)),
+            confidence: confidence.unwrap_or(Goal::default().confidence),
         };
-        let asked = goal.errors() > 0 || self.time.is_some() || self.replicates.is_some() || wanted;
+        let asked = goal.errors() > 0 || time.is_some() || replicates.is_some() || wanted;
         if !asked {
-            if self.confidence.is_some() {
+            if confidence.is_some() {
                 bail!("--confidence is that of an error: give --error, --error-pixel, --time or --replicates with it");
             }
             return Ok(None);
@@ -82,16 +80,16 @@ impl ErrorArgs {
                 if method == Method::Exact { ", or --tolerance, which exact keeps by itself" } else { "" }
             );
         }
-        let open = goal.errors() > 0 || self.time.is_some();
-        let replicates = self.replicates.unwrap_or(Refinement::REPLICATES);
-        let samples = samples.unwrap_or(if open { Refinement::SAMPLES } else { setup.request.samples });
+        let open = goal.errors() > 0 || time.is_some();
+        let replicates = replicates.unwrap_or(Refinement::REPLICATES);
+        let samples = setup.samples.unwrap_or(if open { Refinement::SAMPLES } else { setup.request.samples });
         if samples < u64::from(replicates) {
             bail!("--samples {samples}: at least one for each of the {replicates} replicates");
         }
         if setup.request.scramble == Scramble::None && method == Method::Qmc {
             bail!("--scramble none makes all replicates alike, so their error cannot be seen; use linear or owen");
         }
-        let limits = Limits { samples, seconds: self.time };
+        let limits = Limits { samples, seconds: time };
         Ok(Some(Refinement { replicates, goal, limits, doubling }))
     }
 }

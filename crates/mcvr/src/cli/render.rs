@@ -77,7 +77,7 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         check_image_memory(view.camera.extent(), channels, &[&formats[..], &map_formats].concat())?;
     }
     let watched = args.watch.any() || !args.error_maps.is_empty();
-    let refinement = args.error.refinement(&setup, args.image.budget.samples, watched, args.watch.any())?;
+    let refinement = args.error.refinement(&setup, watched, args.watch.any())?;
     if let Some(refinement) = &refinement {
         refined::check_memory(&setup, refinement)?;
     }

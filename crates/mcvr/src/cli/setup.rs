@@ -7,7 +7,7 @@ use anyhow::bail;
 use mcvr::scene::film::{Film, Tone};
 use mcvr::scene::{Camera, DensityMap, Extent, View};
 use mcvr::volume::{FileFormat, Grid, RawOptions};
-use mcvr::{CameraSection, Request, SceneFile, Scenery};
+use mcvr::{CameraSection, ErrorSection, Request, SceneFile, Scenery};
 use serde_json::{Value, json};
 
 use super::args::{BudgetArgs, DensityArgs, ImageArgs, MethodArgs, ToneArgs, ViewArgs, VolumeArgs};
@@ -30,6 +30,10 @@ pub struct Setup {
     pub views: Vec<Viewpoint>,
     /// The scene's film.
     pub film: Film,
+    /// The error that the scene asks for.
+    pub error: ErrorSection,
+    /// Samples, where they were given.
+    pub samples: Option<u64>,
 }
 
 /// A camera of a scene.
@@ -93,9 +97,10 @@ pub fn setup(
     let Some(Viewpoint { camera, words: view, .. }) = views.first().cloned() else { bail!("no camera") };
     let defaults = Request::default();
     let (image, sampling) = (&scene.image, &scene.sampling);
+    let samples = budget.samples.or(sampling.samples);
     let request = Request {
         method: budget.method.or(sampling.method).unwrap_or_default(),
-        samples: budget.samples.or(sampling.samples).unwrap_or(1 << 22),
+        samples: samples.unwrap_or(1 << 22),
         seed: method.seed.or(sampling.seed).unwrap_or(defaults.seed),
         kernel: method.kernel.or(image.kernel).unwrap_or_default(),
         estimand: method.estimand.or(image.estimand).unwrap_or_default(),
@@ -116,7 +121,8 @@ pub fn setup(
     effects.check()?;
     let scenery = Scenery::new(loaded.volume, map, camera).with_effects(effects);
     let (format, notes) = (loaded.format, loaded.notes);
-    Ok(Setup { scenery, request, tone, format, notes, input, load_seconds, view, views, film })
+    let error = scene.error;
+    Ok(Setup { scenery, request, tone, format, notes, input, load_seconds, view, views, film, error, samples })
 }
 
 /// Input and raw geometry from flags and scene.

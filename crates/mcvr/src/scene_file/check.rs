@@ -1,9 +1,10 @@
 //! Keys that contradict each other, and values that no key accepts.
 
+use mcvr_refine::Goal;
 use mcvr_scene::effects::LightPosition;
 use mcvr_scene::{Estimand, Extent, SceneError};
 
-use super::{CameraSection, SceneFile};
+use super::{CameraSection, PixelSection, SceneFile};
 
 /// A step on the way to a key.
 #[derive(Clone, Debug, PartialEq)]
@@ -40,6 +41,7 @@ pub(super) fn check(scene: &SceneFile) -> Result<(), Finding> {
         }
     }
     cameras(&scene.cameras)?;
+    error(scene)?;
     effects(scene)?;
     film(scene)
 }
@@ -98,6 +100,24 @@ fn cameras(cameras: &[CameraSection]) -> Result<(), Finding> {
         }
     }
     Ok(())
+}
+
+fn error(scene: &SceneFile) -> Result<(), Finding> {
+    let section = &scene.error;
+    let one = |key: &str, goal: Goal| {
+        goal.check().map_err(|e| finding(&format!("error.{key}"), format!("error.{key}: {e}")))
+    };
+    one("rmse", Goal { error: section.rmse, ..Goal::default() })?;
+    one("pixel", Goal { pixel: section.pixel.as_ref().map(PixelSection::goal), ..Goal::default() })?;
+    let confidence = section.confidence.unwrap_or(Goal::default().confidence);
+    one("confidence", Goal { confidence, ..Goal::default() })?;
+    if let Some(time) = section.time.filter(|t| !(t.is_finite() && *t > 0.0)) {
+        return Err(finding("error.time", format!("error.time must be positive, in seconds; got {time}")));
+    }
+    match section.replicates {
+        None | Some(8 | 16 | 32 | 64) => Ok(()),
+        Some(n) => Err(finding("error.replicates", format!("error.replicates is {n}: 8, 16, 32 or 64 give an error bar"))),
+    }
 }
 
 fn effects(scene: &SceneFile) -> Result<(), Finding> {

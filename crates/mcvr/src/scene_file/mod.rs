@@ -37,7 +37,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 pub use problem::SceneFileError;
-pub use sections::{CameraSection, ImageSection, SamplingSection, VolumeSection};
+pub use sections::{CameraSection, ErrorSection, ImageSection, PixelSection, SamplingSection, VolumeSection};
 
 /// Most bytes of a scene file: thousands of cameras.
 const LIMIT: u64 = 1 << 20;
@@ -62,6 +62,8 @@ pub struct SceneFile {
     pub film: Option<Film>,
     /// By which method and budget.
     pub sampling: SamplingSection,
+    /// Which error is enough.
+    pub error: ErrorSection,
     /// How it is shown.
     pub tone: Option<Tone>,
 }

@@ -1,6 +1,7 @@
 //! The sections of a scene file.
 
 use mcvr_qmc::Scramble;
+use mcvr_refine::PixelGoal;
 use mcvr_sampling::VoxelOrder;
 use mcvr_scene::{Estimand, Kernel};
 use mcvr_volume::{Endian, VoxelType};
@@ -98,6 +99,39 @@ pub struct SamplingSection {
     pub step: Option<f64>,
     /// Tolerance of exact ray casting.
     pub tolerance: Option<f64>,
+}
+
+/// Which error is enough: samples are drawn until it is reached. Any key asks for error bars.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(default, deny_unknown_fields)]
+pub struct ErrorSection {
+    /// RMSE of the image over its mean pixel, such as 0.02.
+    pub rmse: Option<f64>,
+    /// Error that most pixels keep.
+    pub pixel: Option<PixelSection>,
+    /// Probability with which the error is met, and that of the pixels' intervals.
+    pub confidence: Option<f64>,
+    /// Seconds after which no further pass begins.
+    pub time: Option<f64>,
+    /// Independent replicates that the error is measured from: 8, 16, 32 or 64.
+    pub replicates: Option<u32>,
+}
+
+/// Error that most pixels keep.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PixelSection {
+    /// Largest error over the mean pixel of the image.
+    pub error: f64,
+    /// Share of the pixels that keep it; 0.95 when absent.
+    pub share: Option<f64>,
+}
+
+impl PixelSection {
+    /// As the stopping rule has it.
+    pub fn goal(&self) -> PixelGoal {
+        PixelGoal { error: self.error, share: self.share.unwrap_or(0.95) }
+    }
 }
 
 /// The names of a voxel order: those of the command line, and those that records have.

@@ -170,6 +170,19 @@ fn contradictions_name_both_keys() {
 }
 
 #[test]
+fn an_error_that_is_enough_is_read_and_unusable_ones_are_named() {
+    let scene = parse("[error]\nrmse = 0.02\npixel = { error = 0.1 }\nconfidence = 0.9\ntime = 5\nreplicates = 16\n").unwrap();
+    assert_eq!((scene.error.rmse, scene.error.time, scene.error.replicates), (Some(0.02), Some(5.0), Some(16)));
+    assert_eq!(scene.error.pixel.unwrap().goal().share, 0.95);
+    refused("[error]\nrmse = 0\n", 2, &["error.rmse", "positive"]);
+    refused("[error]\npixel = { error = 0.1, share = 1.0 }\n", 2, &["error.pixel", "less than 1"]);
+    refused("[error]\nconfidence = 95\n", 2, &["error.confidence", "0.9999"]);
+    refused("[error]\ntime = -1.0\n", 2, &["error.time", "seconds"]);
+    refused("[error]\nreplicates = 9\n", 2, &["error.replicates", "8, 16, 32 or 64"]);
+    refused("[error]\nrsme = 0.1\n", 2, &["did you mean `rmse`"]);
+}
+
+#[test]
 fn hounsfield_units_take_an_energy() {
     let transfer = |text: &str| parse(&format!("[density]\ntransfer = {text}\n")).unwrap().density.unwrap().transfer;
     let at = |kev, scan| Transfer::Hounsfield(Hounsfield::at_energy(kev, scan).unwrap());

@@ -104,9 +104,8 @@ fn cameras(cameras: &[CameraSection]) -> Result<(), Finding> {
 
 fn error(scene: &SceneFile) -> Result<(), Finding> {
     let section = &scene.error;
-    let one = |key: &str, goal: Goal| {
-        goal.check().map_err(|e| finding(&format!("error.{key}"), format!("error.{key}: {e}")))
-    };
+    let one =
+        |key: &str, goal: Goal| goal.check().map_err(|e| finding(&format!("error.{key}"), format!("error.{key}: {e}")));
     one("rmse", Goal { error: section.rmse, ..Goal::default() })?;
     one("pixel", Goal { pixel: section.pixel.as_ref().map(PixelSection::goal), ..Goal::default() })?;
     let confidence = section.confidence.unwrap_or(Goal::default().confidence);
@@ -116,7 +115,9 @@ fn error(scene: &SceneFile) -> Result<(), Finding> {
     }
     match section.replicates {
         None | Some(8 | 16 | 32 | 64) => Ok(()),
-        Some(n) => Err(finding("error.replicates", format!("error.replicates is {n}: 8, 16, 32 or 64 give an error bar"))),
+        Some(n) => {
+            Err(finding("error.replicates", format!("error.replicates is {n}: 8, 16, 32 or 64 give an error bar")))
+        }
     }
 }
 

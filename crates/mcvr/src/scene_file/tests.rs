@@ -171,7 +171,8 @@ fn contradictions_name_both_keys() {
 
 #[test]
 fn an_error_that_is_enough_is_read_and_unusable_ones_are_named() {
-    let scene = parse("[error]\nrmse = 0.02\npixel = { error = 0.1 }\nconfidence = 0.9\ntime = 5\nreplicates = 16\n").unwrap();
+    let scene =
+        parse("[error]\nrmse = 0.02\npixel = { error = 0.1 }\nconfidence = 0.9\ntime = 5\nreplicates = 16\n").unwrap();
     assert_eq!((scene.error.rmse, scene.error.time, scene.error.replicates), (Some(0.02), Some(5.0), Some(16)));
     assert_eq!(scene.error.pixel.unwrap().goal().share, 0.95);
     refused("[error]\nrmse = 0\n", 2, &["error.rmse", "positive"]);

@@ -66,8 +66,9 @@ impl Totals {
     }
 
     /// The sums of the pixels, without the two extra places.
-    pub(crate) fn sums(&self) -> impl Iterator<Item = u64> {
-        self.sums[..self.sums.len() - 2].iter().map(|s| s.load(Ordering::Relaxed))
+    pub(crate) fn into_sums(self) -> impl Iterator<Item = u64> {
+        let pixels = self.sums.len() - 2;
+        self.sums.into_iter().take(pixels).map(AtomicU64::into_inner)
     }
 
     /// The sum of one pixel.
@@ -199,7 +200,7 @@ mod tests {
                 w.add(&pixels, weights);
                 w.finish();
             }
-            totals.sums().map(|s| s as f64 * 0.5).collect::<Vec<_>>()
+            totals.into_sums().map(|s| s as f64 * 0.5).collect::<Vec<_>>()
         };
         assert_eq!(run(true, &none), vec![1.0, 1.0, 0.0, 2.0]);
         for weights in [&none, &wide, &narrow] {

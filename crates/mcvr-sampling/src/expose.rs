@@ -158,7 +158,7 @@ impl Exposure<'_> {
             batch(block, scratch, film, counters)
         })?;
         let scale = self.scale(projection, channels);
-        let values = totals.sums().map(|sum| scale.value(sum)).collect();
+        let values = scale.values(totals);
         let (image, colour) = channels.develop(camera, values)?;
         let seconds = exposed.seconds(start);
         Ok(Rendered { image, colour, counters: exposed.counters, seconds, precision: projection.precision() })
@@ -186,6 +186,16 @@ pub(crate) struct Scale {
 }
 
 impl Scale {
+    /// The values of all pixels.
+    fn values(self, totals: Totals) -> Vec<f64> {
+        let mut values: Vec<f64> = totals.into_sums().map(|sum| sum as f64 * self.unit).collect();
+        if self.lift != 1.0 {
+            values.iter_mut().for_each(|v| *v /= self.lift);
+        }
+        values
+    }
+
+    /// The value of one sum.
     #[inline]
     pub(crate) fn value(self, sum: u64) -> f64 {
         let value = sum as f64 * self.unit;

@@ -170,8 +170,10 @@ impl<T: Voxel> Voxelwise for Paletted<'_, T> {
     fn colour(&self, places: &[Vec<u32>; 3], live: &[u32], colours: &mut [Vec<f64>; 3]) {
         let [nx, ny, _] = self.dims;
         let [r, g, b] = colours;
+        let [px, py, pz] = places;
         for (((r, g), b), &i) in r.iter_mut().zip(g).zip(b).zip(live) {
-            let [x, y, z] = [0, 1, 2].map(|a: usize| places[a][i as usize] as usize);
+            let i = i as usize;
+            let (x, y, z) = (px[i] as usize, py[i] as usize, pz[i] as usize);
             let stored = self.voxels[x + nx * (y + ny * z)];
             let c = match stored.ordinal() {
                 Some(o) => self.table[o],

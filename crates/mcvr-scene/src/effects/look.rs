@@ -61,7 +61,9 @@ impl DepthRamp {
         }
         // Rounding may leave a colour just beyond its stops.
         let mix = |a: f64, b: f64| (a + f * (b - a)).clamp(a.min(b), a.max(b));
-        std::array::from_fn(|c| mix(self.stops[i][c], self.stops[i + 1][c]))
+        // Written out: in a loop over samples a closure over an array may become a call.
+        let (a, b) = (self.stops[i], self.stops[i + 1]);
+        [mix(a[0], b[0]), mix(a[1], b[1]), mix(a[2], b[2])]
     }
 }
 

@@ -52,7 +52,10 @@ impl Target {
         };
         match self.name {
             "volume" => self.volume(data),
-            "image" => drop(film::read(&file("x.png", data))),
+            "image" => {
+                drop(film::read(&file("x.png", data)));
+                drop(film::read_layers(&file("x.exr", data)));
+            }
             "npy" => drop(film::read(&file("x.npy", data))),
             "cloud" => drop(mcvr::read_cloud(&file("x.mcvr", data))),
             "scene" => drop(mcvr::SceneFile::read(&file("x.toml", data))),

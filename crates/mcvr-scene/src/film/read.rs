@@ -63,16 +63,7 @@ pub fn read_layers(path: &Path) -> Result<BTreeMap<String, Image>, SceneError> {
 
 fn layers(file: File, length: u64) -> Result<BTreeMap<String, Image>, String> {
     let mut file = BufReader::new(file);
-    check_exr(&mut file)?;
-    let meta = MetaData::read_from_buffered(&mut file, false).map_err(|e| e.to_string())?;
-    let bytes = meta.headers.iter().fold(0u64, |sum, header| {
-        let values = (header.layer_size.width() as u64).saturating_mul(header.layer_size.height() as u64);
-        sum.saturating_add(values.saturating_mul(4 * header.channels.list.len() as u64))
-    });
-    if bytes > length.saturating_mul(DEFLATE).saturating_add(SCRATCH) {
-        return Err(format!("promises {bytes} bytes of pixels, more than a file of {length} bytes can hold"));
-    }
-    file.rewind().map_err(|e| e.to_string())?;
+    check_exr(&mut file, length)?;
     let reader = exr::prelude::read().no_deep_data().largest_resolution_level().all_channels();
     let found = reader.all_layers().all_attributes().from_buffered(file).map_err(|e| e.to_string())?;
     let mut images = BTreeMap::new();
@@ -96,7 +87,7 @@ fn decode(file: File, length: u64) -> Result<Image, String> {
         if format == ImageFormat::Tiff {
             check_tiff(&mut file, length)?;
         } else {
-            check_exr(&mut file)?;
+            check_exr(&mut file, length)?;
         }
         reader = ImageReader::with_format(file, format);
     }
@@ -159,10 +150,18 @@ fn check_tiff(file: &mut (impl Read + Seek), length: u64) -> Result<(), String> 
     file.rewind().map_err(broken)
 }
 
-/// Refuses an EXR with tiles much larger than its picture: the decoder takes memory for a whole tile, whatever the file holds of
-/// it. Leaves the file at its start.
-fn check_exr(file: &mut (impl Read + Seek)) -> Result<(), String> {
+/// Refuses an EXR that promises more pixels than a file of its length can hold, and one with tiles much larger than its picture: the
+/// decoder takes memory for whole blocks and tiles, whatever the file holds of them and whatever window is shown. Leaves
+/// the file at its start.
+fn check_exr(file: &mut (impl Read + Seek), length: u64) -> Result<(), String> {
     let meta = MetaData::read_from_buffered(&mut *file, false).map_err(|e| e.to_string())?;
+    let bytes = meta.headers.iter().fold(0u64, |sum, header| {
+        let values = (header.layer_size.width() as u64).saturating_mul(header.layer_size.height() as u64);
+        sum.saturating_add(values.saturating_mul(4 * header.channels.list.len() as u64))
+    });
+    if bytes > length.saturating_mul(DEFLATE).saturating_add(SCRATCH) {
+        return Err(format!("promises {bytes} bytes of pixels, more than a file of {length} bytes can hold"));
+    }
     for header in &meta.headers {
         if let BlockDescription::Tiles(tiles) = header.blocks {
             let (tile, picture) = (tiles.tile_size, header.layer_size);

@@ -7,7 +7,7 @@ use std::path::Path;
 use mcvr_harness::record::{RecordLog, read_log};
 use mcvr_harness::{PhaseSeconds, Record};
 use mcvr_sampling::{Cloud, Provenance};
-use mcvr_scene::film::{self, Image, ImageFormat, Tone};
+use mcvr_scene::film::{self, ErrorBars, Image, ImageFormat, Tone};
 use mcvr_scene::{Extent, Kernel};
 use mcvr_volume::{Grid, Volume};
 
@@ -188,7 +188,15 @@ fn images(folder: &Path) -> Result<Vec<GoodFile>, CaseError> {
         let (text, sealed) = (kind == ImageFormat::Npy, kind == ImageFormat::Png16);
         Ok(GoodFile { format, reader: Reader::Image, name, bytes, beside: None, header, text, sealed })
     };
-    formats.into_iter().map(write).collect()
+    let mut files: Vec<GoodFile> = formats.into_iter().map(write).collect::<Result<_, CaseError>>()?;
+    let bars = ErrorBars { error: &image, low: &image, high: &image, unresolved: &image };
+    let channels = std::slice::from_ref(&image);
+    film::write_with_error(channels, &[bars], 0.95, &path, ImageFormat::Exr, &Tone::default())?;
+    let bytes = std::fs::read(&path)?;
+    let (format, name, header) = ("EXR with error bars", "b.exr", bytes.len());
+    let (text, sealed) = (false, false);
+    files.push(GoodFile { format, reader: Reader::Image, name, bytes, beside: None, header, text, sealed });
+    Ok(files)
 }
 
 fn cloud() -> Result<Cloud, CaseError> {

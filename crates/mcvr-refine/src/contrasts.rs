@@ -37,9 +37,8 @@ impl Contrasts {
         let pieces: Vec<(f64, [f64; MOST])> = (0..slots.div_ceil(PIECE))
             .into_par_iter()
             .map(|piece| {
-                let (mut mean, mut squares) = (0.0, [0.0; MOST]);
+                let (mut mean, mut squares, mut values) = (0.0, [0.0; MOST], [0.0; MOST]);
                 for slot in piece * PIECE..slots.min((piece + 1) * PIECE) {
-                    let mut values = [0.0; MOST];
                     for (r, v) in values[..number].iter_mut().enumerate() {
                         *v = develop.value(replicates.sum(r, slot / channels, slot % channels), slot % channels);
                     }

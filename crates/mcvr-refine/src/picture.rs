@@ -66,10 +66,9 @@ fn plane(replicates: &Replicates<'_>, samples: u64, confidence: f64, channel: us
     let unresolved_pixels = rows
         .enumerate()
         .map(|(y, ((((image, error), low), high), unresolved))| {
-            let mut none = 0;
+            let (mut none, mut values) = (0, [0.0; MOST]);
+            let values = &mut values[..number];
             for x in 0..width {
-                let mut values = [0.0; MOST];
-                let values = &mut values[..number];
                 for (r, v) in values.iter_mut().enumerate() {
                     *v = develop.value(replicates.sum(r, y * width + x, channel), channel);
                 }

@@ -33,7 +33,7 @@ impl Refinement {
     /// Replicates where no number is asked for.
     pub const REPLICATES: u32 = 8;
 
-    /// Most samples where no number is asked for: as many as 8 replicates can have.
+    /// Most samples where no number is asked for. The looks up to there share the risk, so more would widen every bound.
     pub const SAMPLES: u64 = 1 << 36;
 }
 

@@ -34,11 +34,6 @@ impl Picture {
         let (image, bars) = planes.swap_remove(0);
         Self { image, colour: None, bars: vec![bars] }
     }
-
-    /// Pixels (of each channel) without a sample.
-    pub fn unresolved(&self) -> u64 {
-        self.bars.iter().map(|b| b.unresolved_pixels).sum()
-    }
 }
 
 fn plane(replicates: &Replicates<'_>, samples: u64, confidence: f64, channel: usize) -> (Image, Bars) {

@@ -1,7 +1,7 @@
 //! The loop: draw a pass, look, decide.
 
 use std::ops::ControlFlow;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use mcvr_sampling::{PhaseSeconds, PointStream, ReplicatePoints, Replicates, SamplingError};
 use mcvr_scene::Watch;
@@ -24,7 +24,7 @@ pub struct Look {
     pub pass: u32,
     /// Samples of all replicates together.
     pub samples: u64,
-    /// Seconds from the start.
+    /// Seconds from the start, without those that callers spent on looks.
     pub seconds: f64,
     /// What the replicates say.
     pub estimate: Estimate,
@@ -109,6 +109,8 @@ pub fn refine(
     let hurried = goal.errors() > 0 || limits.seconds.is_some();
     let mut looks: Vec<Look> = vec![];
     let mut seconds = PhaseSeconds::default();
+    // What callers take for their looks, for writing files perhaps, is not the image's time.
+    let mut aside = Duration::ZERO;
     let mut at = 0;
     let mut to = match hurried || *doubling {
         // A quarter of a sample a pixel: enough to see how far away the goal is.
@@ -141,7 +143,7 @@ pub fn refine(
             }
             Err(e) => match (e, kept) {
                 (SamplingError::Cancelled, Some(picture)) => {
-                    return Ok(Refined::new(picture, looks, Stop::Interrupted, seconds));
+                    return Ok(Refined { picture, looks, stop: Stop::Interrupted, seconds });
                 }
                 (e, _) => return Err(e.into()),
             },
@@ -149,13 +151,15 @@ pub fn refine(
         let look = Look {
             pass: looks.len() as u32 + 1,
             samples: to * number as u64,
-            seconds: start.elapsed().as_secs_f64(),
+            seconds: start.elapsed().saturating_sub(aside).as_secs_f64(),
             estimate: estimate(replicates, to, goal, risk),
         };
         looks.push(look);
-        let snapshot = Snapshot { replicates, samples: to, confidence: goal.confidence };
-        let broken = on_look(&look, &snapshot).is_break();
         let rate = begun.elapsed().as_secs_f64() / (to - from) as f64;
+        let snapshot = Snapshot { replicates, samples: to, confidence: goal.confidence };
+        let shown = Instant::now();
+        let broken = on_look(&look, &snapshot).is_break();
+        aside += shown.elapsed();
         at = to;
         let excess = goal.excess(&look.estimate);
         if excess.is_some_and(|e| e <= 1.0) {
@@ -174,7 +178,7 @@ pub fn refine(
         };
         to = if *doubling { to.min(schedule.at_least(2 * at)) } else { to }.max(schedule.after(at));
         if let Some(limit) = limits.seconds {
-            let left = (limit - start.elapsed().as_secs_f64()).max(0.0);
+            let left = (limit - start.elapsed().saturating_sub(aside).as_secs_f64()).max(0.0);
             to = schedule.at_most((at + (left * MARGIN / rate) as u64).min(to));
             if to <= at {
                 break Stop::Time;
@@ -182,7 +186,7 @@ pub fn refine(
         }
     };
     let picture = Picture::of(replicates, at, goal.confidence);
-    Ok(Refined::new(picture, looks, stop, seconds))
+    Ok(Refined { picture, looks, stop, seconds })
 }
 
 /// The schedule of looks, if the numbers are good.
@@ -249,15 +253,4 @@ fn wanted(looks: &[Look], number: usize, goal: &Goal) -> u64 {
     let ahead = [over(goal.error, e.error), over(goal.pixel.map(|p| p.error), e.pixel_error)];
     let excess = ahead.into_iter().flatten().reduce(f64::max).unwrap_or(f64::INFINITY);
     (last.samples as f64 / number as f64 * excess.powf(1.0 / slope).clamp(1.0, LEAP as f64)) as u64
-}
-
-impl Refined {
-    fn new(picture: Picture, looks: Vec<Look>, stop: Stop, seconds: PhaseSeconds) -> Self {
-        Self { picture, looks, stop, seconds }
-    }
-
-    /// The last look, which the picture belongs to.
-    pub fn last(&self) -> Option<&Look> {
-        self.looks.last()
-    }
 }

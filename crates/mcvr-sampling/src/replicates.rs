@@ -160,11 +160,6 @@ impl<'a> Replicates<'a> {
         self.films.len()
     }
 
-    /// Samples of each replicate so far.
-    pub fn samples(&self) -> &[u64] {
-        &self.samples
-    }
-
     /// The work behind the samples that are in.
     pub fn counters(&self) -> &Counters {
         &self.counters

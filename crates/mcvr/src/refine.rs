@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use mcvr_harness::PhaseSeconds;
 use mcvr_mc::{OrderStatistics, Stratified};
-use mcvr_qmc::SobolSequence;
+use mcvr_qmc::{Scramble, SobolSequence};
 use mcvr_refine::{Bars, Goal, Limits, Look, Plan, RefineError, Refined, Snapshot, Source, Stop, dyadic_runs, steps};
 use mcvr_sampling::rng::{Purpose, hash};
 use mcvr_sampling::{Distribution, PointStream, RenderOptions, Replicates};
@@ -35,6 +35,33 @@ impl Refinement {
 
     /// Most samples where no number is asked for. The looks up to there share the risk, so more would widen every bound.
     pub const SAMPLES: u64 = 1 << 36;
+
+    /// Refuses what has no replicates, or replicates that are all alike, and unusable numbers.
+    ///
+    /// # Errors
+    /// [`RefineError::Value`].
+    pub fn check(&self, request: &Request) -> Result<(), RefineError> {
+        let refuse = |what, value: String, problem| Err(RefineError::Value { what, value, problem });
+        self.goal.check()?;
+        match request.method {
+            Method::Qmc if request.scramble == Scramble::None => refuse(
+                "the scramble",
+                request.scramble.name().into(),
+                "it makes all replicates alike, so their error cannot be seen; use linear or owen",
+            ),
+            Method::Qmc | Method::Stratified | Method::Mc => Ok(()),
+            Method::Exact => refuse(
+                "the method",
+                "exact".into(),
+                "it has no replicates to measure an error from; it keeps --tolerance by itself. Others: qmc, stratified, mc",
+            ),
+            other => refuse(
+                "the method",
+                other.to_string(),
+                "it has no replicates to measure an error from; use qmc, stratified or mc",
+            ),
+        }
+    }
 }
 
 impl Default for Refinement {
@@ -113,14 +140,7 @@ pub fn refine(
     on_look: &mut dyn FnMut(&Look, &Snapshot<'_, '_>) -> ControlFlow<()>,
 ) -> Result<MadeRefined, MakeError> {
     let start = Instant::now();
-    if !matches!(request.method, Method::Qmc | Method::Mc | Method::Stratified) {
-        return Err(MakeError::Refine(RefineError::Value {
-            what: "the method",
-            value: request.method.to_string(),
-            problem: "replicates and their error bars are for qmc, stratified and mc (exact knows its error without)",
-        }));
-    }
-    refinement.goal.check()?;
+    refinement.check(request)?;
     let density = Density::new(&scenery.volume, scenery.map.clone())?;
     let camera = &scenery.camera;
     let look = scenery.effects.look(density.volume().grid(), camera)?;

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 
 use common::agreement::{Truth, agreement, nothing_strays};
 use common::*;
+use mcvr::qmc::Scramble;
 use mcvr::refinement::{Goal, Limits, Picture, PixelGoal, Plan, Source, Stop};
 use mcvr::sampling::{Distribution, PointStream, RenderOptions, Replicates, VoxelOrder};
 use mcvr::scene::effects::{Effects, Light, LightPosition, Material, Shading, Sides};
@@ -275,12 +276,29 @@ fn time_and_callers_stop_the_work_and_what_is_finished_is_a_direct_run() {
     assert_eq!(run.made.image, refined(&scenery, &request, &direct(run.made.samples)).made.image);
 }
 
+#[test]
+fn what_callers_take_for_their_looks_is_not_the_images_time() {
+    let scenery = speckled_scene(&pinhole());
+    let nap = Duration::from_millis(10);
+    let watched = Refinement { doubling: true, ..direct(1 << 16) };
+    let start = Instant::now();
+    let run = refine(&scenery, &Request::default(), &watched, &Watch::default(), &mut |_, _| {
+        std::thread::sleep(nap);
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+    // All naps but the last come before the last look; a nap is never shorter than it says.
+    let naps = nap * (run.looks.len() as u32 - 1);
+    assert!(run.looks.len() >= 3);
+    assert!(run.looks.last().unwrap().seconds <= (start.elapsed() - naps).as_secs_f64());
+}
+
 /// The points of one replicate are those of its number.
 struct Streams;
 
 impl Source for Streams {
     fn points(&self, replicate: usize, from: u64, to: u64) -> Vec<Box<dyn PointStream>> {
-        let sequence = mcvr::qmc::SobolSequence::new(replicate as u64, mcvr::qmc::Scramble::default());
+        let sequence = mcvr::qmc::SobolSequence::new(replicate as u64, Scramble::default());
         let runs = mcvr::refinement::dyadic_runs(from, to).into_iter();
         runs.map(|(first, samples)| Box::new(sequence.run(first, samples)) as Box<dyn PointStream>).collect()
     }
@@ -338,6 +356,7 @@ fn unusable_numbers_are_refused_by_name() {
     let base = Refinement::default();
     let cases = [
         (Request { method: Method::Exact, ..Request::default() }, base, "exact"),
+        (Request { scramble: Scramble::None, ..Request::default() }, base, "alike"),
         (Request::default(), Refinement { replicates: 7, ..direct(1 << 20) }, "7"),
         (Request::default(), direct(7), "at least one a replicate"),
         (Request::default(), to_error(0.0), "the error is 0"),

@@ -4,10 +4,9 @@ use std::ops::ControlFlow;
 
 use anyhow::bail;
 use clap::Args;
-use mcvr::qmc::Scramble;
 use mcvr::refinement::{Bars, Goal, Limits, Look, PixelGoal, Snapshot, Stop};
 use mcvr::scene::Watch;
-use mcvr::{MadeRefined, Method, PixelSection, Refinement, refine};
+use mcvr::{MadeRefined, PixelSection, Refinement, refine};
 use serde_json::{Value, json};
 
 use super::numbers;
@@ -69,28 +68,16 @@ impl ErrorArgs {
             }
             return Ok(None);
         }
-        goal.check()?;
-        if goal.pixel.is_some_and(|p| p.share >= 1.0) {
-            bail!("--error-pixel: some pixel is always worse; ask for a share below 100%");
-        }
-        let method = setup.request.method;
-        if !matches!(method, Method::Qmc | Method::Stratified | Method::Mc) {
-            bail!(
-                "--method {method} has no replicates to measure its error from: use qmc, stratified or mc{}",
-                if method == Method::Exact { ", or --tolerance, which exact keeps by itself" } else { "" }
-            );
-        }
         let open = goal.errors() > 0 || time.is_some();
         let replicates = replicates.unwrap_or(Refinement::REPLICATES);
         let samples = setup.samples.unwrap_or(if open { Refinement::SAMPLES } else { setup.request.samples });
         if samples < u64::from(replicates) {
             bail!("--samples {samples}: at least one for each of the {replicates} replicates");
         }
-        if setup.request.scramble == Scramble::None && method == Method::Qmc {
-            bail!("--scramble none makes all replicates alike, so their error cannot be seen; use linear or owen");
-        }
         let limits = Limits { samples, seconds: time };
-        Ok(Some(Refinement { replicates, goal, limits, doubling }))
+        let refinement = Refinement { replicates, goal, limits, doubling };
+        refinement.check(&setup.request)?;
+        Ok(Some(refinement))
     }
 }
 

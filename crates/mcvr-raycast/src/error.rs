@@ -54,6 +54,10 @@ pub enum RaycastError {
         limit: u32,
     },
 
+    /// Rays are integrated exactly for the plain X-ray only.
+    #[error("exact rays know no effects along the ray; use march, comb, exact or a sampling method")]
+    Effects,
+
     /// Cells along a ray are counted in 32 bits.
     #[error("a volume of {dims:?} voxels has too long an axis to cast rays through: at most {limit}")]
     Extent {

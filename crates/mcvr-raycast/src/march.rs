@@ -9,7 +9,8 @@ use serde::Serialize;
 
 use crate::error::check_extents;
 use crate::field::{Lifted, Stored, Visit, Weigh, stored_is_weight, with_field};
-use crate::pattern::{Pattern, random_of_row};
+use crate::packet::{Along, Packets, Plan};
+use crate::points::Points;
 use crate::sampled::SampledField;
 use crate::view::{IndexRay, View};
 use crate::{Counters, RaycastError, Watch};
@@ -17,19 +18,21 @@ use crate::{Counters, RaycastError, Watch};
 /// How to march.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct MarchOptions {
-    /// Largest distance between samples, in units of the smallest voxel spacing. Every ray's path through the
-    /// field is cut into equal steps no longer than this.
+    /// Distance between samples, in units of the smallest voxel spacing.
     pub step: f64,
+    /// A comb: the samples of every ray begin at a random phase of their own, which makes the sum along the ray unbiased at any
+    /// distance. Without it all begin half a step from where the ray's depth would be 0.
+    pub random_phase: bool,
     /// Rays per pixel: 1 is the pixel's centre; a square number the centres of a grid of sub-pixels; other
-    /// numbers are jittered strata.
+    /// numbers a lattice with a random shift in every pixel.
     pub rays_per_pixel: u32,
-    /// Random points within the strata in every case.
+    /// Randomly shifted lattices in every case, which makes the mean over the pixel unbiased.
     pub jitter: bool,
     /// How weights are spread; not `shell`.
     pub kernel: Kernel,
     /// What a pixel means (METHOD section 2).
     pub estimand: Estimand,
-    /// Seed of the jitter; random numbers are keyed by it and the image row.
+    /// Seed of jitter and phases; random numbers are keyed by it and the pixel.
     pub seed: u64,
 }
 
@@ -69,6 +72,7 @@ impl Default for MarchOptions {
     fn default() -> Self {
         Self {
             step: 0.5,
+            random_phase: false,
             rays_per_pixel: 1,
             jitter: false,
             kernel: Kernel::default(),
@@ -89,9 +93,9 @@ pub struct MarchImage {
     pub seconds: f64,
 }
 
-/// Marches rays through the field. Positions and interpolation are `f32` (as on a GPU), sums `f64`. Pixels outside
-/// the outline of the grid's support cost nothing; inside it every step is taken, empty space included.
-/// The same image, bit for bit, for any number of threads. `watch` hears of every finished row.
+/// Marches rays through the field. Positions and interpolation are `f32` (as on a GPU), sums `f64`. `tent` goes sixteen rays at
+/// a time and skips empty bricks; other kernels take every step within the outline of the grid's support. The same image, bit
+/// for bit, for any number of threads. `watch` hears of every finished row.
 ///
 /// # Errors
 /// [`RaycastError::Shell`], [`RaycastError::Step`], [`RaycastError::Steps`] or [`RaycastError::Rays`] for unusable
@@ -103,13 +107,22 @@ pub fn march(
     watch: &Watch,
 ) -> Result<MarchImage, RaycastError> {
     let start = Instant::now();
-    options.check(density.volume().grid())?;
-    let job = Job { density, camera, options, watch, unit: 1.0 };
-    let (image, counters) = match (density.volume().voxels(), Lifted::of(density)) {
-        (Voxels::U8(voxels), _) if stored_is_weight(density) => job.run(voxels, Stored),
-        (voxels, Some((lifted, unit))) => with_voxels!(voxels, v => Job { unit, ..job }.run(v, lifted)),
-        _ => with_field(density, job),
+    let grid = density.volume().grid();
+    options.check(grid)?;
+    let MarchOptions { rays_per_pixel, jitter, random_phase, seed, kernel, estimand, .. } = *options;
+    let distance = options.step * grid.spacing().min_element();
+    let points = Points::new(rays_per_pixel, jitter, random_phase, seed);
+    let plan = Plan { along: Along::Comb(distance), points, estimand };
+    let packets = || (kernel == Kernel::Tent).then(|| Packets::new(density).image(camera, &plan, watch)).flatten();
+    let one_by_one = || {
+        let job = Job { density, camera, options, watch, unit: 1.0, points: &plan.points };
+        match (density.volume().voxels(), Lifted::of(density)) {
+            (Voxels::U8(voxels), _) if stored_is_weight(density) => job.run(voxels, Stored),
+            (voxels, Some((lifted, unit))) => with_voxels!(voxels, v => Job { unit, ..job }.run(v, lifted)),
+            _ => with_field(density, job),
+        }
     };
+    let (image, counters) = packets().unwrap_or_else(one_by_one);
     if watch.cancelled() {
         return Err(RaycastError::Cancelled);
     }
@@ -121,6 +134,7 @@ struct Job<'a, 'w> {
     camera: &'w Camera,
     options: &'w MarchOptions,
     watch: &'w Watch<'w>,
+    points: &'w Points,
     /// What a weight of 1 stands for.
     unit: f64,
 }
@@ -129,14 +143,13 @@ impl<'a> Visit<'a, f32> for Job<'a, '_> {
     type Out = (Image, Counters);
 
     fn run<T: Voxel, W: Weigh<T, f32> + Send + 'a>(self, voxels: &'a [T], weights: W) -> Self::Out {
-        let Self { density, camera, options, watch, unit } = self;
+        let Self { density, camera, options, watch, points, unit } = self;
         let grid = density.volume().grid();
         let field = SampledField::new(voxels, weights, grid.dims(), options.kernel);
         let view = View::new(camera, grid, options.estimand, density.mass(), 0.0);
         let squared = view.squared();
-        // Longest step in mm of path.
+        // Millimetres of path between samples.
         let step = options.step * grid.spacing().min_element();
-        let pattern = Pattern::new(options.rays_per_pixel, options.jitter);
         let share = 1.0 / f64::from(options.rays_per_pixel);
         let mut image = Image::zeros(camera.extent());
         let [x0, x1, y0, y1] = crate::integrator::outline(camera, grid, field.low(), field.high());
@@ -147,19 +160,19 @@ impl<'a> Visit<'a, f32> for Job<'a, '_> {
             .with_max_len(1)
             .map(|(y, row)| {
                 let mut counters = Counters::default();
-                let mut random = random_of_row(options.seed, y);
                 let columns = if (y0..y1).contains(&y) && !watch.cancelled() { x0..x1 } else { 0..0 };
                 for x in columns {
                     if watch.cancelled() {
                         break;
                     }
                     let mut sum = 0.0;
-                    pattern.for_each(&mut random, |dx, dy| {
+                    for ray in 0..points.rays() {
+                        let [dx, dy, phase] = points.of(x, y, ray);
                         let (px, py) = (x as f64 + dx, y as f64 + dy);
                         let (ray, factor) = view.ray(px, py);
-                        let step = step * camera.depth_rate(px, py);
-                        sum += factor * (unit * cast(&field, &ray, step, squared, &mut counters));
-                    });
+                        let distance = step * camera.depth_rate(px, py);
+                        sum += factor * (unit * cast(&field, &ray, distance, phase, squared, &mut counters));
+                    }
                     row[x] = sum * share;
                 }
                 watch.advance(1);
@@ -172,22 +185,26 @@ impl<'a> Visit<'a, f32> for Job<'a, '_> {
     }
 }
 
-/// `∫ ρ dt` (or `∫ ρ t² dt`) by the midpoint rule with equal steps of at most `step` in the ray's parameter.
+/// `Σ ρ dt` (or `Σ ρ t² dt`) over samples at `t = (n + phase) * distance`.
 fn cast<T: Voxel, W: Weigh<T, f32>>(
     field: &SampledField<T, W>,
     ray: &IndexRay,
-    step: f64,
+    distance: f64,
+    phase: f64,
     squared: bool,
     counters: &mut Counters,
 ) -> f64 {
     counters.rays += 1;
     let Some((from, to)) = ray.clip(field.low(), field.high()) else { return 0.0 };
+    let first = (from / distance - phase).ceil();
     // At most `STEPS_LIMIT` or so, as the options were checked; `as` saturates.
-    let steps = ((to - from) / step).ceil().max(1.0) as u64;
-    let dt = (to - from) / steps as f64;
-    dt * if squared {
-        field.sum::<true>(ray, from, dt, steps, counters)
-    } else {
-        field.sum::<false>(ray, from, dt, steps, counters)
-    }
+    let steps = ((to / distance - phase).ceil() - first) as u64;
+    // The march counts from half a step before its first sample.
+    let from = (first + phase - 0.5) * distance;
+    distance
+        * if squared {
+            field.sum::<true>(ray, from, distance, steps, counters)
+        } else {
+            field.sum::<false>(ray, from, distance, steps, counters)
+        }
 }

@@ -10,10 +10,10 @@ use rayon::prelude::*;
 use crate::field::with_field;
 use crate::line::spline;
 use crate::neighbours::{MakeNeighbours, Neighbours, Stencil, corner};
-use crate::pattern::{Pattern, random_of_row};
+use crate::points::Points;
 use crate::reference::image_of;
 use crate::view::View;
-use crate::{Counters, MarchOptions, RaycastError, Watch, march};
+use crate::{Counters, MarchImage, MarchOptions, RayOptions, RaycastError, Watch, cast_rays, march};
 
 /// A marched image with effects.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,6 +55,26 @@ pub fn march_with_look(
     Ok(LookMarch { channels: (0..count).map(channel).collect(), counters, seconds: start.elapsed().as_secs_f64() })
 }
 
+/// Casts exact rays ([`cast_rays()`]) for a look without effects along the ray; its tint counts.
+///
+/// # Errors
+/// As [`cast_rays()`], and [`RaycastError::Effects`] for a look that is not plain.
+pub fn cast_rays_with_look(
+    density: &Density,
+    camera: &Camera,
+    look: &Look,
+    options: &RayOptions,
+    watch: &Watch,
+) -> Result<LookMarch, RaycastError> {
+    if !look.is_plain() {
+        return Err(RaycastError::Effects);
+    }
+    let MarchImage { image, counters, seconds } = cast_rays(density, camera, options, watch)?;
+    let count = if look.is_coloured() { 3 } else { 1 };
+    let channel = |c: usize| image_of(camera, image.values().iter().map(|v| v * look.tint[c]));
+    Ok(LookMarch { channels: (0..count).map(channel).collect(), counters, seconds })
+}
+
 fn rows(
     density: &Density,
     camera: &Camera,
@@ -72,9 +92,9 @@ fn rows(
     let to_gradient = grid.world_to_index().matrix3.transpose();
     let sampler = Sampler { neighbours, look, kernel: options.kernel, to_gradient };
     let view = View::new(camera, grid, options.estimand, density.mass(), 0.0);
-    let pattern = Pattern::new(options.rays_per_pixel, options.jitter);
+    let points = Points::new(options.rays_per_pixel, options.jitter, options.random_phase, options.seed);
     let share = 1.0 / f64::from(options.rays_per_pixel);
-    let longest = options.step * grid.spacing().min_element();
+    let spacing = options.step * grid.spacing().min_element();
     let [x0, x1, y0, y1] = crate::integrator::outline(camera, grid, low, high);
     let mut values = vec![[0.0; 3]; camera.extent().pixels()];
     let rows: Vec<Counters> = values
@@ -83,7 +103,6 @@ fn rows(
         .with_max_len(1)
         .map(|(y, row)| {
             let mut counters = Counters::default();
-            let mut random = random_of_row(options.seed, y);
             let mut stencil = Stencil::default();
             let columns = if (y0..y1).contains(&y) && !watch.cancelled() { x0..x1 } else { 0..0 };
             for x in columns {
@@ -91,26 +110,27 @@ fn rows(
                     break;
                 }
                 let mut sum = [0.0; 3];
-                pattern.for_each(&mut random, |dx, dy| {
+                for ray in 0..points.rays() {
+                    let [dx, dy, phase] = points.of(x, y, ray);
                     let (px, py) = (x as f64 + dx, y as f64 + dy);
                     let (ray, factor) = view.ray(px, py);
                     let world = view.world(px, py);
                     counters.rays += 1;
-                    let Some((from, to)) = ray.clip(low, high) else { return };
+                    let Some((from, to)) = ray.clip(low, high) else { continue };
                     // As in the march without effects.
-                    let step = longest * camera.depth_rate(px, py);
-                    let steps = ((to - from) / step).ceil().max(1.0) as u64;
-                    let dt = (to - from) / steps as f64;
+                    let dt = spacing * camera.depth_rate(px, py);
+                    let first = (from / dt - phase).ceil();
+                    let steps = ((to / dt - phase).ceil() - first) as u64;
                     counters.evaluations += steps;
                     for s in 0..steps {
-                        let t = from + (s as f64 + 0.5) * dt;
+                        let t = (first + s as f64 + phase) * dt;
                         let u = DVec3::from(ray.origin) + DVec3::from(ray.direction) * t;
                         let at = world.origin + world.direction * t;
                         let value = sampler.at(u, at, world.depth + t, &mut stencil, &mut counters);
                         let weight = dt * factor * if view.squared() { t * t } else { 1.0 };
                         sum.iter_mut().zip(value).for_each(|(s, v)| *s += weight * v);
                     }
-                });
+                }
                 row[x] = sum.map(|s| s * share);
             }
             watch.advance(1);

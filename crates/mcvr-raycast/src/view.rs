@@ -58,6 +58,19 @@ pub(crate) struct View {
     scale: f64,
 }
 
+/// Rays as numbers: index coordinates of origin and direction are `c[0] + c[1] px + c[2] py`.
+pub(crate) struct Affine {
+    pub origin: [[f64; 3]; 3],
+    pub direction: [[f64; 3]; 3],
+    /// World direction per unit of the parameter; its length is mm of path per unit.
+    pub world: [[f64; 3]; 3],
+    /// Smallest parameter that counts.
+    pub start: f64,
+    /// Factor from the integral over the path to the estimand; over the parameter unless `stretches`.
+    pub scale: f64,
+    pub stretches: bool,
+}
+
 #[inline(always)]
 fn affine(c: &[DVec3; 3], px: f64, py: f64) -> DVec3 {
     c[0] + c[1] * px + c[2] * py
@@ -90,6 +103,23 @@ impl View {
         let origin = [to_index.transform_point3(o) + shift, across(x), across(y)];
         let direction = world.map(across);
         Self { origin, direction, world, world_origin, depth, start, parallel, estimand, scale }
+    }
+
+    /// The coefficients of the rays, for code that makes many at once.
+    pub fn affine(&self) -> Affine {
+        Affine {
+            origin: self.origin.map(|v| v.to_array()),
+            direction: self.direction.map(|v| v.to_array()),
+            world: self.world.map(|v| v.to_array()),
+            start: self.start,
+            scale: self.scale,
+            stretches: !self.parallel && self.estimand == Estimand::Line,
+        }
+    }
+
+    /// Depth at parameter 0, mm.
+    pub fn depth(&self) -> f64 {
+        self.depth
     }
 
     /// True when the integrand carries the weight `t²`.

@@ -6,7 +6,9 @@ use std::time::Instant;
 use mcvr_harness::PhaseSeconds;
 use mcvr_mc::{OrderStatistics, Quicksorted, Stratified, Unsorted};
 use mcvr_qmc::{Scramble, SobolNet};
-use mcvr_raycast::{MarchOptions, RaycastError, ReferenceOptions, march_with_look, reference_with_look};
+use mcvr_raycast::{
+    MarchOptions, RayOptions, RaycastError, ReferenceOptions, cast_rays_with_look, march_with_look, reference_with_look,
+};
 use mcvr_refine::RefineError;
 use mcvr_sampling::{
     Distribution, PointStream, RenderOptions, Rendered, SamplingError, VoxelOrder, check_samples, render_look,
@@ -64,6 +66,8 @@ pub struct Request {
     pub scramble: Scramble,
     /// Step of a ray march, in units of the smallest spacing.
     pub step: f64,
+    /// March, comb and rays: rays at random places in their pixels, which makes the image unbiased.
+    pub jitter: bool,
     /// Tolerance of exact ray casting, relative to the mean pixel.
     pub tolerance: f64,
     /// Whether bricks of the volume that the camera cannot see are left out. Without it the points are those of
@@ -82,6 +86,7 @@ impl Default for Request {
             order: VoxelOrder::default(),
             scramble: Scramble::default(),
             step: 1.0,
+            jitter: false,
             tolerance: 1e-4,
             cull: true,
         }
@@ -270,7 +275,7 @@ pub(crate) fn point_stream(request: &Request, total: u64) -> Box<dyn PointStream
         Method::McLinear => Box::new(Unsorted::linear(samples, seed)),
         Method::Stratified => Box::new(Stratified::new(samples, seed)),
         Method::Qmc => Box::new(SobolNet::new(samples, seed, request.scramble)),
-        Method::Mc | Method::March | Method::Exact => Box::new(OrderStatistics::new(samples, seed)),
+        Method::Mc | Method::March | Method::Rays | Method::Comb | Method::Exact => Box::new(OrderStatistics::new(samples, seed)),
     }
 }
 
@@ -287,11 +292,23 @@ fn cast(
     let mass = *density.report();
     let distribution = start.elapsed().as_secs_f64();
     let phases = |projection| PhaseSeconds { distribution, sampling: 0.0, projection, complete: 0.0 };
-    if request.method == Method::March {
+    if request.method != Method::Exact {
         let rays_per_pixel = rays_per_pixel(request.samples, camera);
-        let options =
-            MarchOptions { step: request.step, rays_per_pixel, kernel, estimand, seed, ..MarchOptions::default() };
-        let made = march_with_look(density, camera, &look, &options, watch)?;
+        let options = MarchOptions {
+            step: request.step,
+            random_phase: request.method == Method::Comb,
+            rays_per_pixel,
+            jitter: request.jitter,
+            kernel,
+            estimand,
+            seed,
+        };
+        let made = if request.method == Method::Rays {
+            let options = RayOptions { rays_per_pixel, jitter: request.jitter, kernel, estimand, seed };
+            cast_rays_with_look(density, camera, &look, &options, watch)?
+        } else {
+            march_with_look(density, camera, &look, &options, watch)?
+        };
         let counters = json!({ "rays_per_pixel": rays_per_pixel, "march": made.counters });
         let (image, colour) = channels(made.channels);
         return Ok(Made {

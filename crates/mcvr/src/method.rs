@@ -21,13 +21,17 @@ pub enum Method {
     Qmc,
     /// Ray march with a fixed step; the budget counts rays.
     March,
+    /// A few rays a pixel, each integrated exactly; the budget counts rays.
+    Rays,
+    /// Rays with samples at wide equal distances, each from a random start of its own; the budget counts rays.
+    Comb,
     /// Ray casting, exact along each ray, each pixel's area to a tolerance; the budget plays no part.
     Exact,
 }
 
 impl Method {
     /// Every method.
-    pub const ALL: [Method; 8] = [
+    pub const ALL: [Method; 10] = [
         Method::Mc,
         Method::McQuicksort,
         Method::McBinary,
@@ -35,6 +39,8 @@ impl Method {
         Method::Stratified,
         Method::Qmc,
         Method::March,
+        Method::Rays,
+        Method::Comb,
         Method::Exact,
     ];
 
@@ -54,6 +60,8 @@ impl Method {
             Method::Stratified => "stratified",
             Method::Qmc => "qmc",
             Method::March => "march",
+            Method::Rays => "rays",
+            Method::Comb => "comb",
             Method::Exact => "exact",
         }
     }
@@ -68,6 +76,8 @@ impl Method {
             Method::Stratified => "stratified",
             Method::Qmc => "quasi-Monte Carlo (Sobol net)",
             Method::March => "ray march, 1-voxel step",
+            Method::Rays => "rays, exact in depth",
+            Method::Comb => "comb of samples in depth",
             Method::Exact => "ray casting, exact",
         }
     }
@@ -79,13 +89,18 @@ impl Method {
         match self {
             Method::Mc | Method::McQuicksort | Method::McBinary | Method::McLinear | Method::Stratified => Some(-0.5),
             Method::Qmc => Some(-2.0 / 3.0),
-            Method::March | Method::Exact => None,
+            Method::March | Method::Rays | Method::Comb | Method::Exact => None,
         }
     }
 
     /// True for methods that draw samples of the volume.
     pub fn samples_volume(self) -> bool {
-        !matches!(self, Method::March | Method::Exact)
+        !self.casts_rays()
+    }
+
+    /// True for methods that cast rays.
+    pub fn casts_rays(self) -> bool {
+        matches!(self, Method::March | Method::Rays | Method::Comb | Method::Exact)
     }
 }
 

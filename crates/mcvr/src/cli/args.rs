@@ -120,9 +120,12 @@ pub struct MethodArgs {
     /// Randomisation of the net: linear, owen, nested, shift, none [default: linear]
     #[arg(long)]
     pub scramble: Option<Scramble>,
-    /// March: step in units of the smallest voxel spacing [default: 1]
+    /// March and comb: distance of the samples in units of the smallest voxel spacing [default: 1]
     #[arg(long, value_name = "VOXELS")]
     pub step: Option<f64>,
+    /// March, comb and rays: rays at random places in their pixels, which makes the image unbiased, instead of on a grid
+    #[arg(long)]
+    pub jitter: bool,
     /// Exact ray casting: error of the pixel-area integral relative to the mean pixel [default: 1e-4]
     #[arg(long, value_name = "REL")]
     pub tolerance: Option<f64>,

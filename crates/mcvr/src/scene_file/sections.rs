@@ -97,6 +97,8 @@ pub struct SamplingSection {
     pub cull: Option<bool>,
     /// Step of a march in voxels.
     pub step: Option<f64>,
+    /// March, comb and rays: rays at random places in their pixels, which makes the image unbiased.
+    pub jitter: Option<bool>,
     /// Tolerance of exact ray casting.
     pub tolerance: Option<f64>,
 }

@@ -1,0 +1,184 @@
+//! Where along the rays of a tile of pixels there can be density: occupied bricks, seen from the camera.
+//!
+//! Every occupied brick marks the depths that it covers in the tiles that its outline meets. Rays then visit the marked depths of
+//! their tile only; everything is rounded outwards, so no density is missed. The map costs a few microseconds per thousand
+//! bricks, whatever the number of rays.
+
+use mcvr_scene::{Camera, Extent};
+use mcvr_volume::Grid;
+use rayon::prelude::*;
+
+use crate::bricks::{Bricks, SIDE};
+
+/// Pixels along a tile's side.
+pub(crate) const TILE: usize = 8;
+
+/// Depths that a tile tells apart: the bits of its mask.
+const SLOTS: usize = 128;
+
+/// Bricks are merged until there are at most this many.
+const MOST_BRICKS: usize = 1 << 15;
+
+/// Slack on a brick's box, in cells, for the rounding of rays to 32 bits.
+const SLACK: f64 = 1.0 / 64.0;
+
+/// The occupied depths of every tile.
+pub(crate) struct Tiles {
+    columns: usize,
+    masks: Vec<u128>,
+    /// Parameter at which slot 0 begins, and the length of a slot.
+    start: f64,
+    length: f64,
+}
+
+/// Cell coordinates to pixels, exact as the camera is.
+struct Outliner {
+    /// Images of the origin and of the three unit vectors: pixel x and y (times depth for a pinhole) and parameter.
+    at: [[f64; 3]; 4],
+    parallel: bool,
+    near: f64,
+    extent: Extent,
+}
+
+/// The pixels and parameters that a box covers.
+struct Outline {
+    x: [f64; 2],
+    y: [f64; 2],
+    t: [f64; 2],
+}
+
+impl Outliner {
+    fn new(camera: &Camera, grid: &Grid, depth: f64) -> Self {
+        let to_world = grid.index_to_world();
+        let rows = camera.world_to_pixel();
+        let axis = camera.axis();
+        let parallel = camera.is_parallel();
+        let image = |v: glam::DVec3, point: f64| {
+            let row = |r: usize| rows[r][0] * v.x + rows[r][1] * v.y + rows[r][2] * v.z + point * rows[r][3];
+            let t = if parallel { axis.dot(v) - point * depth } else { row(2) };
+            [row(0), row(1), t]
+        };
+        // Cell coordinate 0 is voxel -1 (`tent` reaches one voxel).
+        let origin = image(to_world.transform_point3(glam::DVec3::splat(-1.0)), 1.0);
+        let unit = |v: glam::DVec3| image(to_world.transform_vector3(v), 0.0);
+        let at = [origin, unit(glam::DVec3::X), unit(glam::DVec3::Y), unit(glam::DVec3::Z)];
+        Self { at, parallel, near: camera.near(), extent: camera.extent() }
+    }
+
+    /// `None` when the box reaches before a pinhole's near plane.
+    fn outline(&self, low: [f64; 3], high: [f64; 3]) -> Option<Outline> {
+        let mut out = Outline { x: [f64::MAX, f64::MIN], y: [f64::MAX, f64::MIN], t: [f64::MAX, f64::MIN] };
+        for corner in 0..8 {
+            let mut q = self.at[0];
+            for a in 0..3 {
+                let v = if corner >> a & 1 == 0 { low[a] } else { high[a] };
+                for (q, e) in q.iter_mut().zip(self.at[a + 1]) {
+                    *q += v * e;
+                }
+            }
+            let [x, y, t] = q;
+            if !self.parallel && t < self.near {
+                return None;
+            }
+            let (x, y) = if self.parallel { (x, y) } else { (x / t, y / t) };
+            for (range, v) in [(&mut out.x, x), (&mut out.y, y), (&mut out.t, t)] {
+                range[0] = if v < range[0] { v } else { range[0] };
+                range[1] = if v > range[1] { v } else { range[1] };
+            }
+        }
+        Some(out)
+    }
+
+    /// Tiles from `first` to `last` along one side of the image, or none.
+    fn tiles(range: [f64; 2], pixels: usize) -> std::ops::Range<usize> {
+        let margin = 1.0 / 64.0;
+        // `as` saturates.
+        let (a, b) = ((range[0] - margin).floor().max(0.0) as usize, (range[1] + margin).ceil().max(0.0) as usize);
+        let (a, b) = (a.min(pixels), b.min(pixels));
+        if a < b { a / TILE..b.div_ceil(TILE) } else { 0..0 }
+    }
+}
+
+impl Tiles {
+    /// Marks what the occupied bricks cover; `depth` is the camera's depth at parameter 0.
+    pub fn new(bricks: &Bricks, camera: &Camera, grid: &Grid, depth: f64) -> Self {
+        let extent = camera.extent();
+        let (columns, rows) = (extent.width.div_ceil(TILE), extent.height.div_ceil(TILE));
+        let outliner = Outliner::new(camera, grid, depth);
+        let mut merge = 1;
+        while bricks.counts.map(|n| n.div_ceil(merge)).iter().product::<usize>() > MOST_BRICKS {
+            merge *= 2;
+        }
+        let span = |first: usize, last: usize| ((first * SIDE) as f64 - SLACK, ((last + 1) * SIDE) as f64 + SLACK);
+        let whole: [(f64, f64); 3] = std::array::from_fn(|a| span(bricks.first[a], bricks.last[a]));
+        let Some(range) = outliner.outline(whole.map(|s| s.0), whole.map(|s| s.1)).map(|o| o.t) else {
+            // The box reaches the eye: everything may be anywhere.
+            let masks = vec![1; columns * rows];
+            return Self { columns, masks, start: f64::NEG_INFINITY, length: f64::INFINITY };
+        };
+        let (start, length) = (range[0], (range[1] - range[0]) / SLOTS as f64);
+        let slot = |t: f64| (((t - start) / length).max(0.0) as usize).min(SLOTS - 1);
+        let blocks = bricks.counts.map(|n| n.div_ceil(merge));
+        let none = || vec![0u128; columns * rows];
+        let masks = (0..blocks[2])
+            .into_par_iter()
+            .with_min_len(4)
+            .fold(none, |mut masks, bz| {
+                for by in 0..blocks[1] {
+                    for bx in 0..blocks[0] {
+                        let first = [bx * merge, by * merge, bz * merge];
+                        let last: [usize; 3] = std::array::from_fn(|a| (first[a] + merge).min(bricks.counts[a]) - 1);
+                        if !bricks.any(first, last) {
+                            continue;
+                        }
+                        let ends: [(f64, f64); 3] = std::array::from_fn(|a| span(first[a], last[a]));
+                        // The whole box lies beyond the near plane, and so do its parts.
+                        let Some(o) = outliner.outline(ends.map(|s| s.0), ends.map(|s| s.1)) else { continue };
+                        let (a, b) = (slot(o.t[0] - SLACK * length), slot(o.t[1] + SLACK * length));
+                        let bits = (u128::MAX >> (SLOTS - 1 - (b - a))) << a;
+                        for ty in Outliner::tiles(o.y, outliner.extent.height) {
+                            let row = ty * columns;
+                            for mask in &mut masks[row..][Outliner::tiles(o.x, outliner.extent.width)] {
+                                *mask |= bits;
+                            }
+                        }
+                    }
+                }
+                masks
+            })
+            .reduce(none, |mut a, b| {
+                a.iter_mut().zip(b).for_each(|(a, b)| *a |= b);
+                a
+            });
+        Self { columns, masks, start, length }
+    }
+
+    /// Largest parameter at which there is density.
+    pub fn farthest(&self) -> f64 {
+        self.start + SLOTS as f64 * self.length
+    }
+
+    /// Pieces of parameter with density, from near to far and disjoint, of the tile in a column and row of tiles.
+    pub fn pieces(&self, column: usize, row: usize) -> impl Iterator<Item = [f64; 2]> {
+        let mut mask = self.masks[column + self.columns * row];
+        let (start, length) = (self.start, self.length);
+        std::iter::from_fn(move || {
+            if mask == 0 {
+                return None;
+            }
+            if length == f64::INFINITY {
+                mask = 0;
+                return Some([f64::NEG_INFINITY, f64::INFINITY]);
+            }
+            let first = mask.trailing_zeros();
+            let run = (!(mask >> first)).trailing_zeros();
+            let end = first + run;
+            mask = if end >= SLOTS as u32 { 0 } else { mask >> end << end };
+            // Outermost pieces have no end, so that no rounding cuts the box's rim; the ray's own range ends them.
+            let at = |slot: u32| start + f64::from(slot) * length;
+            let near = if first == 0 { f64::NEG_INFINITY } else { at(first) };
+            let far = if end >= SLOTS as u32 { f64::INFINITY } else { at(end) };
+            Some([near, far])
+        })
+    }
+}

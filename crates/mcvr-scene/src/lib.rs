@@ -16,8 +16,8 @@ mod watch;
 
 pub use camera::{Camera, Extent, Ray, View};
 pub use density::{
-    Density, DensityMap, Emphasis, Hounsfield, MassReport, NegativePolicy, Substance, Transfer, WeightFn, WeightLookup,
-    power_of_two,
+    Density, DensityMap, Emphasis, Hounsfield, MassReport, NegativePolicy, Occupancy, Substance, Transfer, WeightFn,
+    WeightLookup, power_of_two,
 };
 pub use effects::{Effects, Look};
 pub use error::SceneError;

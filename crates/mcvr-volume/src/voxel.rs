@@ -18,6 +18,9 @@ pub trait Voxel: bytemuck::Pod + PartialOrd + Send + Sync + 'static {
     /// look-up tables; `None` for wider types.
     fn ordinal(self) -> Option<usize>;
 
+    /// The value that has an [ordinal](Voxel::ordinal); `None` for wider types, and where no value has it.
+    fn of_ordinal(ordinal: usize) -> Option<Self>;
+
     /// The value with its bytes in opposite order.
     fn swap_bytes(self) -> Self;
 
@@ -26,7 +29,7 @@ pub trait Voxel: bytemuck::Pod + PartialOrd + Send + Sync + 'static {
 }
 
 macro_rules! voxel_types {
-    ($($variant:ident $t:ty, $name:literal, $ordinal:expr, $swap:expr;)*) => {
+    ($($variant:ident $t:ty, $name:literal, $ordinal:expr, $of:expr, $swap:expr;)*) => {
         /// Run-time name of a voxel type.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
         #[serde(rename_all = "lowercase")]
@@ -70,6 +73,7 @@ macro_rules! voxel_types {
             fn to_f64(self) -> f64 { self as f64 }
             #[inline(always)]
             fn ordinal(self) -> Option<usize> { let f: fn($t) -> Option<usize> = $ordinal; f(self) }
+            fn of_ordinal(ordinal: usize) -> Option<$t> { let f: fn(usize) -> Option<$t> = $of; f(ordinal) }
             #[inline(always)]
             fn swap_bytes(self) -> Self { let f: fn($t) -> $t = $swap; f(self) }
             fn wrap(buffer: Buffer<Self>) -> Voxels { Voxels::$variant(buffer) }
@@ -87,14 +91,14 @@ macro_rules! voxel_types {
 }
 
 voxel_types! {
-    U8 u8, "u8", |v| Some(v as usize), |v| v;
-    I8 i8, "i8", |v| Some((v as i16 + 128) as usize), |v| v;
-    U16 u16, "u16", |v| Some(v as usize), u16::swap_bytes;
-    I16 i16, "i16", |v| Some((v as i32 + 32768) as usize), i16::swap_bytes;
-    U32 u32, "u32", |_| None, u32::swap_bytes;
-    I32 i32, "i32", |_| None, i32::swap_bytes;
-    F32 f32, "f32", |_| None, |v| f32::from_bits(v.to_bits().swap_bytes());
-    F64 f64, "f64", |_| None, |v| f64::from_bits(v.to_bits().swap_bytes());
+    U8 u8, "u8", |v| Some(v as usize), |i| u8::try_from(i).ok(), |v| v;
+    I8 i8, "i8", |v| Some((v as i16 + 128) as usize), |i| i8::try_from(i as i64 - 128).ok(), |v| v;
+    U16 u16, "u16", |v| Some(v as usize), |i| u16::try_from(i).ok(), u16::swap_bytes;
+    I16 i16, "i16", |v| Some((v as i32 + 32768) as usize), |i| i16::try_from(i as i64 - 32768).ok(), i16::swap_bytes;
+    U32 u32, "u32", |_| None, |_| None, u32::swap_bytes;
+    I32 i32, "i32", |_| None, |_| None, i32::swap_bytes;
+    F32 f32, "f32", |_| None, |_| None, |v| f32::from_bits(v.to_bits().swap_bytes());
+    F64 f64, "f64", |_| None, |_| None, |v| f64::from_bits(v.to_bits().swap_bytes());
 }
 
 impl std::fmt::Display for VoxelType {

@@ -3,8 +3,11 @@
 mod attenuation;
 mod hounsfield;
 mod map;
+mod occupancy;
 mod power;
 mod tally;
+
+use std::sync::{Arc, OnceLock};
 
 use mcvr_volume::{Volume, Voxel, with_voxels};
 use serde::Serialize;
@@ -14,6 +17,7 @@ use crate::SceneError;
 pub use attenuation::Substance;
 pub use hounsfield::Hounsfield;
 pub use map::{DensityMap, Emphasis, NegativePolicy, Transfer};
+pub use occupancy::Occupancy;
 pub(crate) use power::exponent;
 pub use power::power_of_two;
 use tally::scan;
@@ -80,6 +84,8 @@ pub struct Density {
     /// Weight per ordinal for 8- and 16-bit voxels, empty otherwise.
     table: Vec<f64>,
     report: MassReport,
+    /// Made when it is first asked for, once for all copies.
+    occupancy: Arc<OnceLock<Occupancy>>,
 }
 
 impl Density {
@@ -157,7 +163,7 @@ impl Density {
             (report.faint, report.faint_sum) = (tally.positive, tally.sum);
         }
         let table = table.into_iter().map(|w| if w > 0.0 { w } else { 0.0 }).collect();
-        Ok(Self { volume: volume.clone(), map, table, report })
+        Ok(Self { volume: volume.clone(), map, table, report, occupancy: Arc::default() })
     }
 
     /// The volume.
@@ -183,6 +189,12 @@ impl Density {
     /// Weight per ordinal (see [`Voxel::ordinal`]) for 8- and 16-bit voxels.
     pub fn table(&self) -> Option<&[f64]> {
         (!self.table.is_empty()).then_some(&self.table[..])
+    }
+
+    /// Which bricks of 8³ voxels hold any weight. The first call, on this density or a copy of it, reads every voxel once, in
+    /// parallel; later calls cost nothing.
+    pub fn occupancy(&self) -> &Occupancy {
+        self.occupancy.get_or_init(|| Occupancy::of(self))
     }
 
     /// Weight (≥ 0) of an isovalue.

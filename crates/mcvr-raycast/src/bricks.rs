@@ -1,10 +1,9 @@
 //! Which bricks of 8×8×8 cells hold any density, so that rays cross the others in one step.
 
-use mcvr_scene::Density;
 use mcvr_volume::Voxel;
 use rayon::prelude::*;
 
-use crate::field::{Visit, Weigh, with_field};
+use crate::field::Weigh;
 
 /// Cells per brick and axis.
 pub(crate) const SIDE: usize = 8;
@@ -14,31 +13,12 @@ pub(crate) struct Bricks {
     /// Bricks along (x, y, z).
     pub counts: [usize; 3],
     occupied: Vec<bool>,
-    dims: [usize; 3],
     /// First and last occupied brick on each axis.
     pub first: [usize; 3],
     pub last: [usize; 3],
 }
 
-struct Scan {
-    dims: [usize; 3],
-    taps: usize,
-}
-
-impl<'a> Visit<'a, f64> for Scan {
-    type Out = Bricks;
-
-    fn run<T: Voxel, W: Weigh<T, f64> + Send + 'a>(self, voxels: &'a [T], weights: W) -> Bricks {
-        Bricks::new(voxels, &weights, self.dims, self.taps)
-    }
-}
-
 impl Bricks {
-    /// Scans a density's voxels.
-    pub fn of(density: &Density, taps: usize) -> Self {
-        with_field(density, Scan { dims: density.volume().grid().dims(), taps })
-    }
-
     /// Scans the voxels; a cell depends on the `taps` voxels that end at its own index.
     pub fn new<T: Voxel, W: Weigh<T, f64>>(voxels: &[T], weights: &W, dims: [usize; 3], taps: usize) -> Self {
         let counts = dims.map(|n| (n + taps - 1).div_ceil(SIDE));
@@ -67,25 +47,7 @@ impl Bricks {
                 last[a] = last[a].max(at[a]);
             }
         }
-        Self { counts, occupied, dims, first, last }
-    }
-
-    /// The box around the occupied bricks, in cell coordinates; a cell depends on `taps` voxels per axis.
-    pub fn bounds(&self, taps: usize) -> ([f64; 3], [f64; 3]) {
-        let side = SIDE as f64;
-        let low = std::array::from_fn(|a| self.first[a] as f64 * side);
-        let high = std::array::from_fn(|a| ((self.last[a] + 1) as f64 * side).min((self.dims[a] + taps - 1) as f64));
-        (low, high)
-    }
-
-    /// True when a brick between two corners, both included, is occupied.
-    pub fn any(&self, first: [usize; 3], last: [usize; 3]) -> bool {
-        (first[2]..=last[2]).any(|z| {
-            (first[1]..=last[1]).any(|y| {
-                let row = self.counts[0] * (y + self.counts[1] * z);
-                self.occupied[row + first[0]..=row + last[0]].contains(&true)
-            })
-        })
+        Self { counts, occupied, first, last }
     }
 
     /// True when some cell of the brick may hold density.

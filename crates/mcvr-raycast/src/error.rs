@@ -58,6 +58,19 @@ pub enum RaycastError {
     #[error("exact rays know no effects along the ray; use march, comb, exact or a sampling method")]
     Effects,
 
+    /// Means over pixels are told from values on a grid only.
+    #[error("averaging over pixels needs a square number of rays a pixel without jitter, got {rays}{}", if *jitter { " with jitter" } else { "" })]
+    Grid {
+        /// Rays a pixel.
+        rays: u32,
+        /// Whether they are at random places.
+        jitter: bool,
+    },
+
+    /// The image with its margin is too large.
+    #[error("the image with a margin for its means: {0}")]
+    Image(String),
+
     /// Cells along a ray are counted in 32 bits.
     #[error("a volume of {dims:?} voxels has too long an axis to cast rays through: at most {limit}")]
     Extent {

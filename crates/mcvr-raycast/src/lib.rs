@@ -21,6 +21,7 @@
 //! reprojecting rays through pixel images*, IEEE Trans. Medical Imaging 1, 1982 (the march over interpolated samples).
 
 mod adaptive;
+mod average;
 mod bricks;
 mod cell;
 mod counters;

@@ -7,6 +7,7 @@ use mcvr_volume::{Grid, Voxel, Voxels, with_voxels};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::average;
 use crate::error::check_extents;
 use crate::field::{Lifted, Stored, Visit, Weigh, stored_is_weight, with_field};
 use crate::packet::{Along, Packets, Plan};
@@ -28,6 +29,9 @@ pub struct MarchOptions {
     pub rays_per_pixel: u32,
     /// Randomly shifted lattices in every case, which makes the mean over the pixel unbiased.
     pub jitter: bool,
+    /// Turns the values at the rays into means over the pixels by the neighbours' values, which leaves about a third of the error of
+    /// one ray a pixel and less of more; needs a grid of rays (a square number, no jitter), and is not there with effects.
+    pub average: bool,
     /// How weights are spread; not `shell`.
     pub kernel: Kernel,
     /// What a pixel means (METHOD section 2).
@@ -57,6 +61,9 @@ impl MarchOptions {
         if !(1..=Self::RAYS_LIMIT).contains(&self.rays_per_pixel) {
             return Err(RaycastError::Rays { given: self.rays_per_pixel, limit: Self::RAYS_LIMIT });
         }
+        if self.average {
+            check_grid(self.rays_per_pixel, self.jitter)?;
+        }
         if self.kernel == Kernel::Shell { Err(RaycastError::Shell) } else { Ok(()) }
     }
 
@@ -75,6 +82,7 @@ impl Default for MarchOptions {
             random_phase: false,
             rays_per_pixel: 1,
             jitter: false,
+            average: false,
             kernel: Kernel::default(),
             estimand: Estimand::default(),
             seed: 0,
@@ -109,6 +117,11 @@ pub fn march(
     let start = Instant::now();
     let grid = density.volume().grid();
     options.check(grid)?;
+    if options.average {
+        return averaged(camera, options.rays_per_pixel, |camera| {
+            march(density, camera, &MarchOptions { average: false, ..*options }, watch)
+        });
+    }
     let MarchOptions { rays_per_pixel, jitter, random_phase, seed, kernel, estimand, .. } = *options;
     let distance = options.step * grid.spacing().min_element();
     let points = Points::new(rays_per_pixel, jitter, random_phase, seed);
@@ -126,6 +139,26 @@ pub fn march(
     if watch.cancelled() {
         return Err(RaycastError::Cancelled);
     }
+    Ok(MarchImage { image, counters, seconds: start.elapsed().as_secs_f64() })
+}
+
+/// # Errors
+/// [`RaycastError::Grid`] unless the rays of a pixel are a grid.
+pub(crate) fn check_grid(rays: u32, jitter: bool) -> Result<(), RaycastError> {
+    if jitter || rays.isqrt().pow(2) != rays { Err(RaycastError::Grid { rays, jitter }) } else { Ok(()) }
+}
+
+/// Casts an image with a margin and averages it over the pixels.
+pub(crate) fn averaged(
+    camera: &Camera,
+    rays: u32,
+    cast: impl FnOnce(&Camera) -> Result<MarchImage, RaycastError>,
+) -> Result<MarchImage, RaycastError> {
+    let start = Instant::now();
+    let wide = camera.with_margin(average::MARGIN).map_err(|e| RaycastError::Image(e.to_string()))?;
+    let MarchImage { image, counters, .. } = cast(&wide)?;
+    let image =
+        average::over_pixels(&image, camera, rays.isqrt()).map_err(|e| RaycastError::Image(e.to_string()))?;
     Ok(MarchImage { image, counters, seconds: start.elapsed().as_secs_f64() })
 }
 

@@ -8,6 +8,8 @@ pub(crate) struct Points {
     move_places: bool,
     move_phases: bool,
     seed: u64,
+    /// Random shift of all phases.
+    shift: f64,
 }
 
 // Kronecker's sequence with the powers of the inverse of the plastic number's relatives: x³ = x + 1 for two dimensions, and the
@@ -18,7 +20,8 @@ const GOLDEN: f64 = 0.618_033_988_749_894_9;
 impl Points {
     /// Points for `rays` rays a pixel. Square numbers are the centres of a grid of sub-pixels, others a rank-1 lattice with a random
     /// shift of its own in every pixel; `jitter` asks for the latter in every case, which makes a pixel's mean unbiased. A random
-    /// phase does the same for the sum along the ray; a fixed one is 1/2.
+    /// phase does the same for the sum along the ray (over a grid, phases follow a lattice over the image with one random shift); a
+    /// fixed one is 1/2.
     pub fn new(rays: u32, jitter: bool, random_phase: bool, seed: u64) -> Self {
         let side = rays.isqrt();
         let grid = !jitter && side * side == rays;
@@ -39,7 +42,7 @@ impl Points {
                 [place[0], place[1], phase]
             })
             .collect();
-        Self { places, move_places: !grid, move_phases: random_phase, seed }
+        Self { places, move_places: !grid, move_phases: random_phase, seed, shift: unit(mix(seed)) }
     }
 
     pub fn rays(&self) -> u32 {
@@ -51,15 +54,16 @@ impl Points {
     #[inline(always)]
     pub fn of(&self, x: usize, y: usize, ray: u32) -> [f64; 3] {
         let mut p = self.places[ray as usize];
-        if self.move_places || self.move_phases {
+        if self.move_places {
             let first = mix(self.seed ^ mix((y as u64) << 32 | x as u64));
-            if self.move_places {
-                p[0] = wrap(p[0] + unit(first));
-                p[1] = wrap(p[1] + unit(mix(first)));
-            }
+            p[0] = wrap(p[0] + unit(first));
+            p[1] = wrap(p[1] + unit(mix(first)));
             if self.move_phases {
                 p[2] = wrap(p[2] + unit(mix(first ^ 0x5851_f42d_4c95_7f2d)));
             }
+        } else if self.move_phases {
+            // Phases of neighbouring pixels differ much, so that averages over pixels even them out.
+            p[2] = (p[2] + self.shift + x as f64 * PLASTIC[0] + y as f64 * PLASTIC[1]).fract();
         }
         p
     }

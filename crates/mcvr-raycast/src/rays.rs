@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use crate::error::check_extents;
 use crate::integrator::outline;
+use crate::march::{averaged, check_grid};
 use crate::packet::{Along, Packets, Plan};
 use crate::points::Points;
 use crate::{Counters, Integrator, MarchImage, MarchOptions, RaycastError, Watch};
@@ -19,6 +20,8 @@ pub struct RayOptions {
     pub rays_per_pixel: u32,
     /// Randomly shifted lattices in every case, which makes the image unbiased.
     pub jitter: bool,
+    /// Means over the pixels from the neighbours' values, as a [march](MarchOptions::average)'s.
+    pub average: bool,
     /// How weights are spread; not `shell`.
     pub kernel: Kernel,
     /// What a pixel means (METHOD section 2).
@@ -33,6 +36,7 @@ impl Default for RayOptions {
         Self {
             rays_per_pixel: 1,
             jitter: false,
+            average: false,
             kernel: Kernel::default(),
             estimand: Estimand::default(),
             seed: 0,
@@ -54,13 +58,19 @@ pub fn cast_rays(
     watch: &Watch,
 ) -> Result<MarchImage, RaycastError> {
     let start = Instant::now();
-    let RayOptions { rays_per_pixel, jitter, kernel, estimand, seed } = *options;
+    let RayOptions { rays_per_pixel, jitter, average, kernel, estimand, seed } = *options;
     check_extents(density.volume().grid())?;
     if !(1..=MarchOptions::RAYS_LIMIT).contains(&rays_per_pixel) {
         return Err(RaycastError::Rays { given: rays_per_pixel, limit: MarchOptions::RAYS_LIMIT });
     }
     if kernel == Kernel::Shell {
         return Err(RaycastError::Shell);
+    }
+    if average {
+        check_grid(rays_per_pixel, jitter)?;
+        return averaged(camera, rays_per_pixel, |camera| {
+            cast_rays(density, camera, &RayOptions { average: false, ..*options }, watch)
+        });
     }
     let plan = Plan { along: Along::Exact, points: Points::new(rays_per_pixel, jitter, false, seed), estimand };
     let packets = (kernel == Kernel::Tent).then(|| Packets::new(density).image(camera, &plan, watch)).flatten();

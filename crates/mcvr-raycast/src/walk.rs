@@ -96,7 +96,9 @@ impl Walk {
     /// Scans the voxels once for the brick map; a cell depends on the `taps` voxels that end at its own index.
     pub fn new<T: Voxel, W: Weigh<T, f64>>(voxels: &[T], weights: &W, dims: [usize; 3], taps: usize) -> Self {
         let bricks = Bricks::new(voxels, weights, dims, taps);
-        let (low, high) = bricks.bounds(taps);
+        let side = SIDE as f64;
+        let low = std::array::from_fn(|a| bricks.first[a] as f64 * side);
+        let high = std::array::from_fn(|a| ((bricks.last[a] + 1) as f64 * side).min((dims[a] + taps - 1) as f64));
         Self { bricks, low, high }
     }
 

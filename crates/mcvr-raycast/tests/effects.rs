@@ -99,11 +99,13 @@ fn slow_march(d: &Density, camera: &Camera, look: &Look, options: &MarchOptions,
     if from >= to {
         return [0.0; 3];
     }
-    let steps = ((to - from) / (options.step * grid.spacing().min_element())).ceil();
-    let dl = (to - from) / steps;
+    let dl = options.step * grid.spacing().min_element();
+    // Samples lie half a step beyond whole numbers of steps from the eye; without one, from the plane through the grid's centre.
+    let zero = if camera.is_parallel() { (grid.centre() - ray.origin).dot(ray.direction) } else { 0.0 };
+    let sample = |t: f64| ((t - zero) / dl - 0.5).ceil();
     let mut sum = [0.0; 3];
-    for n in 0..steps as usize {
-        let x = ray.origin + ray.direction * (from + (n as f64 + 0.5) * dl);
+    for n in sample(from) as i64..sample(to) as i64 {
+        let x = ray.origin + ray.direction * (zero + (n as f64 + 0.5) * dl);
         let depth = camera.project(x).2;
         let weight = match options.estimand {
             Estimand::Line => dl,

@@ -168,6 +168,27 @@ impl Camera {
         Ok(Self { rows, shift, extent, parallel, near, inverse: full.inverse(), det })
     }
 
+    /// The same view with `margin` more pixels on every side: pixel (x, y) becomes (x + margin, y + margin).
+    ///
+    /// # Errors
+    /// [`SceneError::Image`] when there are too many pixels.
+    pub fn with_margin(&self, margin: usize) -> Result<Self, SceneError> {
+        let Extent { width, height } = self.extent;
+        let extent = Extent::new(width + 2 * margin, height + 2 * margin)?;
+        let by = margin as f64;
+        let mut moved = Self { extent, ..self.clone() };
+        if self.parallel {
+            (moved.shift.x, moved.shift.y) = (self.shift.x + by, self.shift.y + by);
+        } else {
+            for n in 0..2 {
+                moved.rows[n] = self.rows[n] + self.rows[2] * by;
+                moved.shift[n] = self.shift[n] + self.shift.z * by;
+            }
+            moved.inverse = DMat3::from_cols(moved.rows[0], moved.rows[1], moved.rows[2]).transpose().inverse();
+        }
+        Ok(moved)
+    }
+
     /// A camera that looks at the grid's centre from the given angles.
     ///
     /// # Errors

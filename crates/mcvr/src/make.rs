@@ -294,17 +294,19 @@ fn cast(
     let phases = |projection| PhaseSeconds { distribution, sampling: 0.0, projection, complete: 0.0 };
     if request.method != Method::Exact {
         let rays_per_pixel = rays_per_pixel(request.samples, camera);
+        let average = !request.jitter && look.is_plain();
         let options = MarchOptions {
             step: request.step,
             random_phase: request.method == Method::Comb,
             rays_per_pixel,
             jitter: request.jitter,
+            average: average && request.method == Method::Comb,
             kernel,
             estimand,
             seed,
         };
         let made = if request.method == Method::Rays {
-            let options = RayOptions { rays_per_pixel, jitter: request.jitter, kernel, estimand, seed };
+            let options = RayOptions { rays_per_pixel, jitter: request.jitter, average, kernel, estimand, seed };
             cast_rays_with_look(density, camera, &look, &options, watch)?
         } else {
             march_with_look(density, camera, &look, &options, watch)?

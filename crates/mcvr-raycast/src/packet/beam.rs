@@ -1,6 +1,7 @@
 //! Sixteen rays of a camera, side by side.
 
 use super::lanes::{LANES, Row};
+use super::tiles::Tiles;
 use crate::view::{Affine, View};
 
 /// Rays `u(t) = origin + t * direction` in cell coordinates (see [`crate::cell`]), with what a trace needs of them. Lanes that
@@ -34,9 +35,10 @@ pub(crate) struct Optics {
 }
 
 impl Optics {
-    pub fn new(view: &View, low: [f64; 3], high: [f64; 3], spacing: f64, farthest: f64) -> Self {
+    pub fn new(view: &View, tiles: &Tiles, spacing: f64) -> Self {
+        let farthest = tiles.farthest();
         let nearness = if farthest > 0.0 && farthest.is_finite() { 1.0 / farthest } else { 1.0 };
-        Self { rays: view.affine(), low, high, spacing, nearness }
+        Self { rays: view.affine(), low: tiles.low, high: tiles.high, spacing, nearness }
     }
 
     /// The rays through sixteen image points. Without branches, so that the compiler turns it into vector code.

@@ -55,7 +55,7 @@ pub(crate) trait Weights<T: Voxel>: Sync {
     fn one(&self, stored: T) -> f32;
 }
 
-/// The stored value is the weight.
+/// The stored value is the weight, but for a unit.
 pub(crate) struct Plain;
 
 impl<T: Whole> Weights<T> for Plain {
@@ -89,16 +89,13 @@ impl Affine {
     }
 
     /// The same of one value.
-    pub fn one(&self, stored: f32) -> f32 {
+    pub fn of(&self, stored: f32) -> f32 {
         let w = stored * self.slope + self.intercept;
         if w > 0.0 { w } else { 0.0 }
     }
 }
 
-/// [`Affine`] of whole numbers.
-pub(crate) struct WholeAffine(pub Affine);
-
-impl<T: Whole> Weights<T> for WholeAffine {
+impl<T: Whole> Weights<T> for Affine {
     const REACH: usize = 4 / size_of::<T>();
 
     #[inline(always)]
@@ -106,19 +103,16 @@ impl<T: Whole> Weights<T> for WholeAffine {
         // SAFETY: the caller's promise, passed on.
         unsafe {
             let [a, b] = T::pair::<S>(base, index, mask);
-            [self.0.weigh::<S>(S::float(a)), self.0.weigh::<S>(S::float(b))]
+            [self.weigh::<S>(S::float(a)), self.weigh::<S>(S::float(b))]
         }
     }
 
     fn one(&self, stored: T) -> f32 {
-        self.0.one(stored.to_f64() as f32)
+        self.of(stored.to_f64() as f32)
     }
 }
 
-/// [`Affine`] of floats.
-pub(crate) struct FloatAffine(pub Affine);
-
-impl Weights<f32> for FloatAffine {
+impl Weights<f32> for Affine {
     const REACH: usize = 2;
 
     #[inline(always)]
@@ -126,12 +120,26 @@ impl Weights<f32> for FloatAffine {
         // SAFETY: the caller's promise, passed on.
         unsafe {
             let [a, b] = S::gather_pair(base, index, mask);
-            [self.0.weigh::<S>(a), self.0.weigh::<S>(b)]
+            [self.weigh::<S>(a), self.weigh::<S>(b)]
         }
     }
 
     fn one(&self, stored: f32) -> f32 {
-        self.0.one(stored)
+        self.of(stored)
+    }
+}
+
+impl Weights<f32> for Plain {
+    const REACH: usize = 2;
+
+    #[inline(always)]
+    unsafe fn pair<S: Simd>(&self, base: *const f32, index: S::I, mask: S::M) -> [S::F; 2] {
+        // SAFETY: the caller's promise, passed on.
+        unsafe { S::gather_pair(base, index, mask) }
+    }
+
+    fn one(&self, stored: f32) -> f32 {
+        stored
     }
 }
 
@@ -163,6 +171,8 @@ impl<T: Whole> Weights<T> for Table {
 pub(crate) struct Corners<'a, T, W> {
     voxels: &'a [T],
     weights: W,
+    /// What a weight of 1 stands for.
+    unit: f64,
     dims: [usize; 3],
     /// Voxels from one to the next along an axis.
     strides: [i32; 3],
@@ -181,13 +191,18 @@ pub(crate) struct Border {
 
 impl<'a, T: Voxel, W: Weights<T>> Corners<'a, T, W> {
     /// `None` where 32-bit indices do not reach, or an axis has no cell between two voxels.
-    pub fn new(voxels: &'a [T], weights: W, dims: [usize; 3]) -> Option<Self> {
+    pub fn new(voxels: &'a [T], weights: W, unit: f64, dims: [usize; 3]) -> Option<Self> {
         let [nx, ny, nz] = dims;
         let len = nx.checked_mul(ny)?.checked_mul(nz)?;
         let whole = dims.iter().all(|n| *n >= 2) && len == voxels.len() && i32::try_from(len).is_ok();
         // From a cell's first voxel to the first of its last row.
         let last = len.checked_sub(nx + nx * ny + W::REACH.max(2))?;
-        whole.then_some(Self { voxels, weights, dims, strides: [1, nx as i32, (nx * ny) as i32], last: last as i32 })
+        whole.then_some(Self { voxels, weights, unit, dims, strides: [1, nx as i32, (nx * ny) as i32], last: last as i32 })
+    }
+
+    /// What a weight of 1 stands for.
+    pub fn unit(&self) -> f64 {
+        self.unit
     }
 
     #[inline(always)]

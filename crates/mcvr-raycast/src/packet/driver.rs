@@ -1,7 +1,5 @@
 //! Images by packets: tiles of pixels, the rays of their pixels, packets of rays.
 
-use std::sync::OnceLock;
-
 use mcvr_scene::{Camera, Density, Estimand, Image, Watch};
 use mcvr_volume::Voxel;
 use rayon::prelude::*;
@@ -16,7 +14,6 @@ use super::weigh::{Visit, with_corners};
 #[cfg(target_arch = "x86_64")]
 use super::x86::{Avx2, Avx512};
 use crate::Counters;
-use crate::bricks::Bricks;
 use crate::points::Points;
 use crate::view::View;
 
@@ -39,21 +36,15 @@ pub(crate) struct Plan {
 /// A density's trilinear field, ready for packets.
 pub(crate) struct Packets<'a> {
     density: &'a Density,
-    bricks: OnceLock<Bricks>,
     level: Level,
 }
 
-/// Most pieces of depth in a tile: every other slot.
-const PIECES: usize = 65;
+/// Gaps in depth that are not worth a new start, in samples of a comb or in voxels.
+const GAP: f64 = 4.0;
 
 impl<'a> Packets<'a> {
     pub fn new(density: &'a Density) -> Self {
-        Self { density, bricks: OnceLock::new(), level: Level::detect() }
-    }
-
-    /// Which bricks hold density; reads the voxels when first asked.
-    fn bricks(&self) -> &Bricks {
-        self.bricks.get_or_init(|| Bricks::of(self.density, 2))
+        Self { density, level: Level::detect() }
     }
 
     /// The same on other instructions.
@@ -81,16 +72,15 @@ impl<'a> Visit<'a> for Job<'_, '_> {
 
     fn run<T: Voxel, W: Weights<T> + Send + 'a>(self, field: Corners<'a, T, W>) -> Self::Out {
         let Self { packets, camera, plan, watch } = self;
-        let (density, bricks, level) = (packets.density, packets.bricks(), packets.level);
+        let (density, level) = (packets.density, packets.level);
         let grid = density.volume().grid();
         let view = View::new(camera, grid, plan.estimand, density.mass(), 1.0);
-        let (low, high) = bricks.bounds(2);
         let spacing = match plan.along {
             Along::Comb(spacing) => spacing,
-            Along::Exact => 1.0,
+            Along::Exact => grid.spacing().min_element(),
         };
-        let tiles = Tiles::new(bricks, camera, grid, view.depth());
-        let optics = Optics::new(&view, low, high, spacing, tiles.farthest());
+        let tiles = Tiles::new(density.occupancy(), camera, grid, view.depth());
+        let optics = Optics::new(&view, &tiles, spacing);
         let width = camera.extent().width;
         let mut image = Image::zeros(camera.extent());
         let band = Band { field: &field, optics: &optics, tiles: &tiles, points: &plan.points, width, watch };
@@ -195,15 +185,11 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
         let height = out.len() / self.width;
         let rays = self.points.rays() as usize;
         let share = 1.0 / rays as f64;
-        let depth_scale = if SQUARED { 1.0 / (self.optics.nearness * self.optics.nearness) } else { 1.0 };
+        let squared = if SQUARED { 1.0 / (self.optics.nearness * self.optics.nearness) } else { 1.0 };
+        let scale = squared * self.field.unit();
         for column in 0..self.width.div_ceil(TILE) {
-            let mut pieces = [[0.0f64; 2]; PIECES];
-            let mut number = 0;
-            for piece in self.tiles.pieces(column, row) {
-                pieces[number] = piece;
-                number += 1;
-            }
-            if number == 0 || self.watch.cancelled() {
+            let pieces = self.tiles.pieces(column, row, GAP * self.optics.spacing);
+            if pieces.all().is_empty() || self.watch.cancelled() {
                 continue;
             }
             let wide = TILE.min(self.width - column * TILE);
@@ -245,7 +231,7 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
                     beam.from[l] = f64::INFINITY;
                 }
                 let mut sums = [0.0f64; LANES];
-                for piece in &pieces[..number] {
+                for piece in pieces.all() {
                     // SAFETY: the caller's promise, passed on.
                     unsafe {
                         if EXACT {
@@ -257,7 +243,7 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
                 }
                 for l in 0..used {
                     let (x, y) = owners[l];
-                    out[y * self.width + column * TILE + x] += sums[l] * beam.factor[l] * depth_scale * share;
+                    out[y * self.width + column * TILE + x] += sums[l] * beam.factor[l] * (scale * share);
                 }
                 n += used;
             }

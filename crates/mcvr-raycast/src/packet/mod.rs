@@ -14,6 +14,8 @@ mod driver;
 mod lanes;
 mod level;
 mod tiles;
+#[cfg(test)]
+mod tests;
 mod trace;
 mod weigh;
 #[cfg(target_arch = "x86_64")]

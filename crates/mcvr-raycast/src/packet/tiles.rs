@@ -4,11 +4,9 @@
 //! their tile only; everything is rounded outwards, so no density is missed. The map costs a few microseconds per thousand
 //! bricks, whatever the number of rays.
 
-use mcvr_scene::{Camera, Extent};
+use mcvr_scene::{Camera, Extent, Occupancy};
 use mcvr_volume::Grid;
 use rayon::prelude::*;
-
-use crate::bricks::{Bricks, SIDE};
 
 /// Pixels along a tile's side.
 pub(crate) const TILE: usize = 8;
@@ -22,6 +20,66 @@ const MOST_BRICKS: usize = 1 << 15;
 /// Slack on a brick's box, in cells, for the rounding of rays to 32 bits.
 const SLACK: f64 = 1.0 / 64.0;
 
+/// The boxes of occupied bricks, in cell coordinates.
+struct Boxes<'a> {
+    occupancy: &'a Occupancy,
+    /// Cells along each axis.
+    cells: [usize; 3],
+    /// Bricks along the side of a block, a power of two.
+    merge: usize,
+    /// Blocks along each axis.
+    blocks: [usize; 3],
+}
+
+impl<'a> Boxes<'a> {
+    fn new(occupancy: &'a Occupancy, dims: [usize; 3]) -> Self {
+        let mut merge = 1;
+        while occupancy.bricks().map(|n| n.div_ceil(merge)).iter().product::<usize>() > MOST_BRICKS {
+            merge *= 2;
+        }
+        Self { occupancy, cells: dims.map(|n| n + 1), merge, blocks: occupancy.bricks().map(|n| n.div_ceil(merge)) }
+    }
+
+    /// True when the block holds an occupied brick.
+    fn occupied(&self, [x, y, z]: [usize; 3]) -> bool {
+        let (m, [nx, ny, nz]) = (self.merge, self.occupancy.bricks());
+        let (first, last) = (x * m, (x * m + m).min(nx) - 1);
+        (z * m..(z * m + m).min(nz)).any(|bz| {
+            (y * m..(y * m + m).min(ny)).any(|by| {
+                let row = self.occupancy.row(by, bz);
+                if m >= 64 {
+                    return row[first / 64..=last / 64].iter().any(|w| *w != 0);
+                }
+                // Blocks are aligned, so none crosses from one word to the next.
+                row[first / 64] >> (first % 64) & (u64::MAX >> (63 - (last - first))) != 0
+            })
+        })
+    }
+
+    /// What a run of blocks on an axis reaches: voxel `v` weighs between the cell coordinates `v` and `v + 2`.
+    fn span(&self, axis: usize, first: usize, last: usize) -> [f64; 2] {
+        let side = Occupancy::SIDE * self.merge;
+        let end = ((last + 1) * side + 1).min(self.cells[axis]);
+        [(first * side) as f64, end as f64]
+    }
+
+    /// The box around all occupied blocks; the whole grid when there is none.
+    fn bounds(&self) -> [[f64; 2]; 3] {
+        let (mut first, mut last) = (self.blocks, [0; 3]);
+        for z in 0..self.blocks[2] {
+            for y in 0..self.blocks[1] {
+                for x in (0..self.blocks[0]).filter(|x| self.occupied([*x, y, z])) {
+                    for (a, v) in [x, y, z].into_iter().enumerate() {
+                        first[a] = first[a].min(v);
+                        last[a] = last[a].max(v);
+                    }
+                }
+            }
+        }
+        std::array::from_fn(|a| if first[a] <= last[a] { self.span(a, first[a], last[a]) } else { [0.0; 2] })
+    }
+}
+
 /// The occupied depths of every tile.
 pub(crate) struct Tiles {
     columns: usize,
@@ -29,6 +87,9 @@ pub(crate) struct Tiles {
     /// Parameter at which slot 0 begins, and the length of a slot.
     start: f64,
     length: f64,
+    /// Box around all density, in cell coordinates.
+    pub low: [f64; 3],
+    pub high: [f64; 3],
 }
 
 /// Cell coordinates to pixels, exact as the camera is.
@@ -101,24 +162,21 @@ impl Outliner {
 
 impl Tiles {
     /// Marks what the occupied bricks cover; `depth` is the camera's depth at parameter 0.
-    pub fn new(bricks: &Bricks, camera: &Camera, grid: &Grid, depth: f64) -> Self {
+    pub fn new(occupancy: &Occupancy, camera: &Camera, grid: &Grid, depth: f64) -> Self {
         let extent = camera.extent();
         let (columns, rows) = (extent.width.div_ceil(TILE), extent.height.div_ceil(TILE));
         let outliner = Outliner::new(camera, grid, depth);
-        let mut merge = 1;
-        while bricks.counts.map(|n| n.div_ceil(merge)).iter().product::<usize>() > MOST_BRICKS {
-            merge *= 2;
-        }
-        let span = |first: usize, last: usize| ((first * SIDE) as f64 - SLACK, ((last + 1) * SIDE) as f64 + SLACK);
-        let whole: [(f64, f64); 3] = std::array::from_fn(|a| span(bricks.first[a], bricks.last[a]));
-        let Some(range) = outliner.outline(whole.map(|s| s.0), whole.map(|s| s.1)).map(|o| o.t) else {
+        let boxes = Boxes::new(occupancy, grid.dims());
+        let bounds = boxes.bounds();
+        let (low, high) = (bounds.map(|b| b[0]), bounds.map(|b| b[1]));
+        let Some(range) = outliner.outline(low.map(|v| v - SLACK), high.map(|v| v + SLACK)).map(|o| o.t) else {
             // The box reaches the eye: everything may be anywhere.
             let masks = vec![1; columns * rows];
-            return Self { columns, masks, start: f64::NEG_INFINITY, length: f64::INFINITY };
+            return Self { columns, masks, start: f64::NEG_INFINITY, length: f64::INFINITY, low, high };
         };
         let (start, length) = (range[0], (range[1] - range[0]) / SLOTS as f64);
         let slot = |t: f64| (((t - start) / length).max(0.0) as usize).min(SLOTS - 1);
-        let blocks = bricks.counts.map(|n| n.div_ceil(merge));
+        let blocks = boxes.blocks;
         let none = || vec![0u128; columns * rows];
         let masks = (0..blocks[2])
             .into_par_iter()
@@ -126,14 +184,13 @@ impl Tiles {
             .fold(none, |mut masks, bz| {
                 for by in 0..blocks[1] {
                     for bx in 0..blocks[0] {
-                        let first = [bx * merge, by * merge, bz * merge];
-                        let last: [usize; 3] = std::array::from_fn(|a| (first[a] + merge).min(bricks.counts[a]) - 1);
-                        if !bricks.any(first, last) {
+                        if !boxes.occupied([bx, by, bz]) {
                             continue;
                         }
-                        let ends: [(f64, f64); 3] = std::array::from_fn(|a| span(first[a], last[a]));
+                        let ends = [boxes.span(0, bx, bx), boxes.span(1, by, by), boxes.span(2, bz, bz)];
                         // The whole box lies beyond the near plane, and so do its parts.
-                        let Some(o) = outliner.outline(ends.map(|s| s.0), ends.map(|s| s.1)) else { continue };
+                        let (low, high) = (ends.map(|s| s[0] - SLACK), ends.map(|s| s[1] + SLACK));
+                        let Some(o) = outliner.outline(low, high) else { continue };
                         let (a, b) = (slot(o.t[0] - SLACK * length), slot(o.t[1] + SLACK * length));
                         let bits = (u128::MAX >> (SLOTS - 1 - (b - a))) << a;
                         for ty in Outliner::tiles(o.y, outliner.extent.height) {
@@ -150,7 +207,7 @@ impl Tiles {
                 a.iter_mut().zip(b).for_each(|(a, b)| *a |= b);
                 a
             });
-        Self { columns, masks, start, length }
+        Self { columns, masks, start, length, low, high }
     }
 
     /// Largest parameter at which there is density.
@@ -158,27 +215,40 @@ impl Tiles {
         self.start + SLOTS as f64 * self.length
     }
 
-    /// Pieces of parameter with density, from near to far and disjoint, of the tile in a column and row of tiles.
-    pub fn pieces(&self, column: usize, row: usize) -> impl Iterator<Item = [f64; 2]> {
+    /// Pieces of parameter with density, from near to far and disjoint, of the tile in a column and row of tiles. Gaps of less
+    /// than `gap` between them are taken along.
+    pub fn pieces(&self, column: usize, row: usize, gap: f64) -> Pieces {
+        let mut pieces = Pieces { all: [[0.0; 2]; SLOTS / 2], number: 0 };
         let mut mask = self.masks[column + self.columns * row];
-        let (start, length) = (self.start, self.length);
-        std::iter::from_fn(move || {
-            if mask == 0 {
-                return None;
-            }
-            if length == f64::INFINITY {
-                mask = 0;
-                return Some([f64::NEG_INFINITY, f64::INFINITY]);
-            }
+        while mask != 0 {
             let first = mask.trailing_zeros();
-            let run = (!(mask >> first)).trailing_zeros();
-            let end = first + run;
+            let end = first + (!(mask >> first)).trailing_zeros();
             mask = if end >= SLOTS as u32 { 0 } else { mask >> end << end };
             // Outermost pieces have no end, so that no rounding cuts the box's rim; the ray's own range ends them.
-            let at = |slot: u32| start + f64::from(slot) * length;
+            let at = |slot: u32| self.start + f64::from(slot) * self.length;
             let near = if first == 0 { f64::NEG_INFINITY } else { at(first) };
-            let far = if end >= SLOTS as u32 { f64::INFINITY } else { at(end) };
-            Some([near, far])
-        })
+            let far = if end >= SLOTS as u32 || self.length == f64::INFINITY { f64::INFINITY } else { at(end) };
+            match pieces.all[..pieces.number].last_mut() {
+                Some(last) if near - last[1] < gap => last[1] = far,
+                _ => {
+                    pieces.all[pieces.number] = [near, far];
+                    pieces.number += 1;
+                }
+            }
+        }
+        pieces
+    }
+}
+
+/// Pieces of parameter: at most every other slot begins one.
+pub(crate) struct Pieces {
+    all: [[f64; 2]; SLOTS / 2],
+    number: usize,
+}
+
+impl Pieces {
+    #[inline(always)]
+    pub fn all(&self) -> &[[f64; 2]] {
+        &self.all[..self.number]
     }
 }

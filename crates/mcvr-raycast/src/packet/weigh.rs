@@ -3,7 +3,7 @@
 use mcvr_scene::{Density, Transfer, power_of_two};
 use mcvr_volume::{Voxel, Voxels};
 
-use super::corners::{Affine, Corners, FloatAffine, Plain, Table, Weights, Whole, WholeAffine};
+use super::corners::{Affine, Corners, Plain, Table, Weights, Whole};
 
 /// Code to run on the typed voxels and their weights.
 pub(crate) trait Visit<'a> {
@@ -19,31 +19,40 @@ pub(crate) fn with_corners<'a, V: Visit<'a>>(density: &'a Density, visit: V) -> 
         return None;
     }
     macro_rules! on {
-        ($voxels:expr, $weights:expr) => {
-            Corners::new($voxels, $weights, dims).map(|field| visit.run(field))
+        ($voxels:expr, $weights:expr, $unit:expr) => {
+            Corners::new($voxels, $weights, $unit, dims).map(|field| visit.run(field))
+        };
+    }
+    // Where no weight is cut off at 0 and the line goes through 0, the slope can wait until the sum is there.
+    macro_rules! line {
+        ($voxels:expr, $line:expr, $else:expr) => {
+            match $line {
+                Some(Line { slope, intercept: 0.0 }) if density.report().negative == 0 => on!($voxels, Plain, slope),
+                Some(line) => on!($voxels, line.affine(), 1.0),
+                None => $else,
+            }
         };
     }
     match density.volume().voxels() {
-        Voxels::U8(v) if plain::<u8>(density) => on!(v, Plain),
-        Voxels::U8(v) => on!(v, table(density)?),
-        Voxels::I8(v) => on!(v, table(density)?),
-        Voxels::U16(v) => match affine_table::<u16>(density) {
-            Some(affine) => on!(v, WholeAffine(affine)),
-            None => on!(v, table(density)?),
-        },
-        Voxels::I16(v) => match affine_table::<i16>(density) {
-            Some(affine) => on!(v, WholeAffine(affine)),
-            None => on!(v, table(density)?),
-        },
-        Voxels::F32(v) => on!(v, FloatAffine(affine_map(density)?)),
+        Voxels::U8(v) => line!(v, line_of_table::<u8>(density), on!(v, table(density)?, 1.0)),
+        Voxels::I8(v) => on!(v, table(density)?, 1.0),
+        Voxels::U16(v) => line!(v, line_of_table::<u16>(density), on!(v, table(density)?, 1.0)),
+        Voxels::I16(v) => line!(v, line_of_table::<i16>(density), on!(v, table(density)?, 1.0)),
+        Voxels::F32(v) => line!(v, line_of_map(density), None),
         Voxels::U32(_) | Voxels::I32(_) | Voxels::F64(_) => None,
     }
 }
 
-/// True when every stored value is its own weight.
-fn plain<T: Whole>(density: &Density) -> bool {
-    let own = |(n, w): (usize, &f64)| *w == (n as i32 - T::ORIGIN) as f64;
-    density.table().is_some_and(|t| t.iter().enumerate().all(own))
+/// `max(0, slope * stored + intercept)`, in full precision.
+struct Line {
+    slope: f64,
+    intercept: f64,
+}
+
+impl Line {
+    fn affine(&self) -> Affine {
+        Affine { slope: self.slope as f32, intercept: self.intercept as f32 }
+    }
 }
 
 fn table(density: &Density) -> Option<Table> {
@@ -54,24 +63,27 @@ fn table(density: &Density) -> Option<Table> {
 }
 
 /// The straight line, cut off at 0, on which all weights of a table lie; `None` when they do not, as far as `f32` can tell.
-fn affine_table<T: Whole>(density: &Density) -> Option<Affine> {
+fn line_of_table<T: Whole>(density: &Density) -> Option<Line> {
     let table = density.table()?;
-    let stored = |n: usize| (n as i32 - T::ORIGIN) as f64;
-    // The longest run of positive weights at the end or the start gives the line.
+    let stored = |n: usize| f64::from(n as i32 - T::ORIGIN);
     let (first, last) = (table.iter().position(|w| *w > 0.0)?, table.iter().rposition(|w| *w > 0.0)?);
     if last <= first {
         return None;
     }
     let slope = (table[last] - table[first]) / (stored(last) - stored(first));
-    let affine = Affine { slope: slope as f32, intercept: (table[first] - slope * stored(first)) as f32 };
+    let intercept = table[first] - slope * stored(first);
     let most = density.report().max_weight;
-    let slack = most * power_of_two(-21);
-    let near = |(n, w): (usize, &f64)| *w > 2.0 * most || (f64::from(affine.one(stored(n) as f32)) - w).abs() <= slack;
-    table.iter().enumerate().all(near).then_some(affine)
+    // What is left of terms that cancel but for rounding.
+    let intercept = if intercept.abs() < most * power_of_two(-40) { 0.0 } else { intercept };
+    let line = Line { slope, intercept };
+    let (affine, slack) = (line.affine(), most * power_of_two(-21));
+    // Values that the volume does not hold may be anywhere.
+    let near = |(n, w): (usize, &f64)| *w > most || (f64::from(affine.of(stored(n) as f32)) - w).abs() <= slack;
+    table.iter().enumerate().all(near).then_some(line)
 }
 
 /// The same of a map of floats, where it says so itself.
-fn affine_map(density: &Density) -> Option<Affine> {
+fn line_of_map(density: &Density) -> Option<Line> {
     let (map, volume) = (density.map(), density.volume());
     if map.emphasis.is_some() || map.gains.is_some() {
         return None;
@@ -81,8 +93,7 @@ fn affine_map(density: &Density) -> Option<Affine> {
         Transfer::Linear { slope, intercept } => (slope, intercept),
         Transfer::Piecewise(_) | Transfer::Hounsfield(_) => return None,
     };
-    let (slope, intercept) = (slope * volume.slope(), slope * volume.intercept() + intercept);
+    let line = Line { slope: slope * volume.slope(), intercept: slope * volume.intercept() + intercept };
     // Where the line's terms nearly cancel, `f32` has too few digits for what is left.
-    let few = intercept.abs() > 16.0 * density.report().max_weight;
-    (!few).then_some(Affine { slope: slope as f32, intercept: intercept as f32 })
+    (line.intercept.abs() <= 16.0 * density.report().max_weight).then_some(line)
 }

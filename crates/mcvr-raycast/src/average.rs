@@ -49,6 +49,26 @@ pub(crate) fn over_pixels(wide: &Image, camera: &Camera, n: u32) -> Result<Image
     Image::from_values(extent, out)
 }
 
+/// The mean over one pixel of an image that is `width` wide, at a place with [`MARGIN`] pixels around it.
+pub(crate) fn at(values: &[f64], width: usize, place: usize, n: u32) -> f64 {
+    let c = stencil(f64::from(n));
+    let mut sum = 0.0;
+    for y in 0..5usize {
+        for x in 0..5usize {
+            sum += c[x.abs_diff(2)] * c[y.abs_diff(2)] * values[place + x + width * y - 2 - 2 * width];
+        }
+    }
+    sum
+}
+
+/// The first two terms of the difference between mean and value there.
+pub(crate) fn bends(values: &[f64], width: usize, place: usize) -> [f64; 2] {
+    let v = |by: isize, stride: usize| values[place.wrapping_add_signed(by * stride as isize)];
+    let second = |stride: usize| v(-1, stride) - 2.0 * v(0, stride) + v(1, stride);
+    let fourth = |s: usize| v(-2, s) - 4.0 * v(-1, s) + 6.0 * v(0, s) - 4.0 * v(1, s) + v(2, s);
+    [(second(1) + second(width)) / 24.0, (fourth(1) + fourth(width)) * 17.0 / 5760.0]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -23,6 +23,7 @@ pub use mcvr_sampling as sampling;
 pub use mcvr_scene as scene;
 pub use mcvr_volume as volume;
 
+pub mod auto;
 pub mod bench;
 pub mod claims;
 mod cloud;

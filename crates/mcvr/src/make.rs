@@ -18,6 +18,7 @@ use mcvr_volume::Volume;
 use serde_json::{Value, json};
 
 use crate::Method;
+use crate::auto::{Choice, choose};
 
 /// What is looked at, and from where.
 #[derive(Clone, Debug)]
@@ -70,6 +71,8 @@ pub struct Request {
     pub jitter: bool,
     /// Tolerance of exact ray casting, relative to the mean pixel.
     pub tolerance: f64,
+    /// Error that [`Method::Auto`] is to reach: RMSE over the mean pixel.
+    pub error: f64,
     /// Whether bricks of the volume that the camera cannot see are left out. Without it the points are those of
     /// [`draw_cloud`](crate::draw_cloud), whatever the view.
     pub cull: bool,
@@ -88,6 +91,7 @@ impl Default for Request {
             step: 1.0,
             jitter: false,
             tolerance: 1e-4,
+            error: 0.01,
             cull: true,
         }
     }
@@ -112,6 +116,8 @@ pub struct Made {
     pub counters: Value,
     /// The image's own estimate of its RMSE over the mean: of [`Method::Exact`] and of refined images.
     pub error: Option<f64>,
+    /// What was chosen for [`Method::Auto`].
+    pub choice: Option<Box<Choice>>,
 }
 
 impl Made {
@@ -168,11 +174,18 @@ pub fn make(scenery: &Scenery, request: &Request, watch: &Watch<'_>) -> Result<M
         check(request)?;
     }
     let density = Density::new(&scenery.volume, scenery.map.clone())?;
-    let mut made = if request.method.samples_volume() {
-        sampled(&density, scenery, request, watch, start)?
-    } else {
-        cast(&density, scenery, request, watch, start)?
+    let choice = match request.method {
+        Method::Auto => Some(Box::new(choose(&density, scenery, request, watch)?)),
+        _ => None,
     };
+    let chosen = choice.as_ref().map_or(*request, |c| c.request(request));
+    let mut made = if chosen.method.samples_volume() {
+        check(&chosen)?;
+        sampled(&density, scenery, &chosen, watch, start)?
+    } else {
+        cast(&density, scenery, &chosen, watch, start)?
+    };
+    made.choice = choice;
     for image in made.colour.iter().flatten().chain([&made.image]) {
         check_finite(image)?;
     }
@@ -237,6 +250,7 @@ fn sampled(
             "precision": precision,
         }),
         error: None,
+        choice: None,
     })
 }
 
@@ -275,7 +289,7 @@ pub(crate) fn point_stream(request: &Request, total: u64) -> Box<dyn PointStream
         Method::McLinear => Box::new(Unsorted::linear(samples, seed)),
         Method::Stratified => Box::new(Stratified::new(samples, seed)),
         Method::Qmc => Box::new(SobolNet::new(samples, seed, request.scramble)),
-        Method::Mc | Method::March | Method::Rays | Method::Comb | Method::Exact => Box::new(OrderStatistics::new(samples, seed)),
+        Method::Mc | Method::March | Method::Rays | Method::Comb | Method::Exact | Method::Auto => Box::new(OrderStatistics::new(samples, seed)),
     }
 }
 
@@ -322,6 +336,7 @@ fn cast(
             samples: u64::from(rays_per_pixel) * camera.extent().pixels() as u64,
             counters,
             error: None,
+            choice: None,
         });
     }
     let options = ReferenceOptions { kernel, estimand, tolerance: request.tolerance, ..ReferenceOptions::default() };
@@ -339,6 +354,7 @@ fn cast(
         samples: made.counters.rays,
         counters,
         error: Some(made.rel_rmse_estimate),
+        choice: None,
     })
 }
 

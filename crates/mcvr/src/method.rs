@@ -25,13 +25,15 @@ pub enum Method {
     Rays,
     /// Rays with samples at wide equal distances, each from a random start of its own; the budget counts rays.
     Comb,
+    /// Whichever of the others is expected to reach the error asked for soonest.
+    Auto,
     /// Ray casting, exact along each ray, each pixel's area to a tolerance; the budget plays no part.
     Exact,
 }
 
 impl Method {
     /// Every method.
-    pub const ALL: [Method; 10] = [
+    pub const ALL: [Method; 11] = [
         Method::Mc,
         Method::McQuicksort,
         Method::McBinary,
@@ -42,6 +44,7 @@ impl Method {
         Method::Rays,
         Method::Comb,
         Method::Exact,
+        Method::Auto,
     ];
 
     /// Most samples that a linear search is let loose on.
@@ -62,6 +65,7 @@ impl Method {
             Method::March => "march",
             Method::Rays => "rays",
             Method::Comb => "comb",
+            Method::Auto => "auto",
             Method::Exact => "exact",
         }
     }
@@ -78,6 +82,7 @@ impl Method {
             Method::March => "ray march, 1-voxel step",
             Method::Rays => "rays, exact in depth",
             Method::Comb => "comb of samples in depth",
+            Method::Auto => "chosen by the program",
             Method::Exact => "ray casting, exact",
         }
     }
@@ -89,13 +94,13 @@ impl Method {
         match self {
             Method::Mc | Method::McQuicksort | Method::McBinary | Method::McLinear | Method::Stratified => Some(-0.5),
             Method::Qmc => Some(-2.0 / 3.0),
-            Method::March | Method::Rays | Method::Comb | Method::Exact => None,
+            Method::March | Method::Rays | Method::Comb | Method::Exact | Method::Auto => None,
         }
     }
 
     /// True for methods that draw samples of the volume.
     pub fn samples_volume(self) -> bool {
-        !self.casts_rays()
+        !self.casts_rays() && self != Method::Auto
     }
 
     /// True for methods that cast rays.

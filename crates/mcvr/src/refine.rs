@@ -174,6 +174,7 @@ pub fn refine(
             "precision": replicates.precision(),
         }),
         error: looks.last().and_then(|l| l.estimate.error),
+        choice: None,
         image: picture.image,
         colour: picture.colour,
         seconds: PhaseSeconds {

@@ -1,5 +1,7 @@
 //! Images by packets: tiles of pixels, the rays of their pixels, packets of rays.
 
+use std::ops::Range;
+
 use mcvr_scene::{Camera, Density, Estimand, Image, Watch};
 use mcvr_volume::Voxel;
 use rayon::prelude::*;
@@ -56,8 +58,50 @@ impl<'a> Packets<'a> {
     /// Casts an image; `None` where packets do not serve the density. The same bits for any number of threads and on any
     /// instructions.
     pub fn image(&self, camera: &Camera, plan: &Plan, watch: &Watch) -> Option<(Image, Counters)> {
-        with_corners(self.density, Job { packets: self, camera, plan, watch })
+        with_corners(self.density, Job { packets: self, camera, plan, watch, only: None }).map(|made| match made {
+            Made::Image(image, counters) => (image, counters),
+            // Not asked for.
+            Made::Tiles(_, counters) => (Image::zeros(camera.extent()), counters),
+        })
     }
+
+    /// Casts some tiles of an image, given by column and row of tiles: their values row by row, 0 beyond the image's edge.
+    pub fn tiles(
+        &self,
+        camera: &Camera,
+        plan: &Plan,
+        tiles: &[(usize, usize)],
+        watch: &Watch,
+    ) -> Option<(Vec<Vec<f64>>, Counters)> {
+        with_corners(self.density, Job { packets: self, camera, plan, watch, only: Some(tiles) }).map(|made| match made {
+            Made::Tiles(values, counters) => (values, counters),
+            // Not asked for.
+            Made::Image(_, counters) => (vec![], counters),
+        })
+    }
+
+    /// Tiles, by column and row, whose rays can meet density; `None` where packets do not serve the density.
+    pub fn occupied_tiles(&self, camera: &Camera, estimand: Estimand) -> Option<Vec<(usize, usize)>> {
+        with_corners(self.density, Served)?;
+        let grid = self.density.volume().grid();
+        let view = View::new(camera, grid, estimand, self.density.mass(), 1.0);
+        Some(Tiles::new(self.density.occupancy(), camera, grid, view.depth()).occupied())
+    }
+}
+
+/// Whether packets serve a density.
+struct Served;
+
+impl<'a> Visit<'a> for Served {
+    type Out = ();
+
+    fn run<T: Voxel, W: Weights<T> + Send + 'a>(self, _: Corners<'a, T, W>) {}
+}
+
+/// What a job was asked for.
+enum Made {
+    Image(Image, Counters),
+    Tiles(Vec<Vec<f64>>, Counters),
 }
 
 struct Job<'a, 'w> {
@@ -65,13 +109,15 @@ struct Job<'a, 'w> {
     camera: &'w Camera,
     plan: &'w Plan,
     watch: &'w Watch<'w>,
+    /// These tiles instead of the whole image.
+    only: Option<&'w [(usize, usize)]>,
 }
 
 impl<'a> Visit<'a> for Job<'_, '_> {
-    type Out = (Image, Counters);
+    type Out = Made;
 
     fn run<T: Voxel, W: Weights<T> + Send + 'a>(self, field: Corners<'a, T, W>) -> Self::Out {
-        let Self { packets, camera, plan, watch } = self;
+        let Self { packets, camera, plan, watch, only } = self;
         let (density, level) = (packets.density, packets.level);
         let grid = density.volume().grid();
         let view = View::new(camera, grid, plan.estimand, density.mass(), 1.0);
@@ -82,38 +128,53 @@ impl<'a> Visit<'a> for Job<'_, '_> {
         let tiles = Tiles::new(density.occupancy(), camera, grid, view.depth());
         let optics = Optics::new(&view, &tiles, spacing);
         let width = camera.extent().width;
-        let mut image = Image::zeros(camera.extent());
         let band = Band { field: &field, optics: &optics, tiles: &tiles, points: &plan.points, width, watch };
-        let work: Vec<(Counters, Work)> = image
-            .values_mut()
-            .par_chunks_mut(TILE * width)
-            .enumerate()
-            .with_max_len(1)
-            .map(|(row, out)| {
-                let mut work = (Counters::default(), Work::default());
-                match (plan.along, view.squared()) {
-                    (Along::Comb(_), false) => band.run::<false, false>(level, row, out, &mut work),
-                    (Along::Comb(_), true) => band.run::<false, true>(level, row, out, &mut work),
-                    (Along::Exact, false) => band.run::<true, false>(level, row, out, &mut work),
-                    (Along::Exact, true) => band.run::<true, true>(level, row, out, &mut work),
-                }
-                watch.advance(out.len() as u64 / width as u64);
-                work
-            })
-            .collect();
-        let points = match (plan.along, view.squared()) {
-            (Along::Comb(_), _) => 0,
-            (Along::Exact, false) => 2,
-            (Along::Exact, true) => 3,
+        let exact = plan.along == Along::Exact;
+        let cast = |row: usize, columns: Range<usize>, out: &mut [f64]| {
+            let mut work = (Counters::default(), Work::default());
+            match (exact, view.squared()) {
+                (false, false) => band.run::<false, false>(level, row, columns, out, &mut work),
+                (false, true) => band.run::<false, true>(level, row, columns, out, &mut work),
+                (true, false) => band.run::<true, false>(level, row, columns, out, &mut work),
+                (true, true) => band.run::<true, true>(level, row, columns, out, &mut work),
+            }
+            work
         };
-        let mut counters = Counters::default();
-        for (mut c, w) in work {
-            c.cells = w.cells;
-            c.evaluations = w.evaluations + points * w.cells;
-            c.voxel_reads = 8 * (w.evaluations + w.cells - w.border.cells) + w.border.reads;
-            counters += c;
+        let sum = |work: Vec<(Counters, Work)>| {
+            let points = if view.squared() { 3 } else { 2 };
+            let mut counters = Counters::default();
+            for (mut c, w) in work {
+                c.cells = w.cells;
+                c.evaluations = w.evaluations + points * w.cells;
+                c.voxel_reads = 8 * (w.evaluations + w.cells - w.border.cells) + w.border.reads;
+                counters += c;
+            }
+            counters
+        };
+        if let Some(only) = only {
+            let one = |&(column, row): &(usize, usize)| {
+                let height = TILE.min(camera.extent().height - row * TILE);
+                let wide = TILE.min(width - column * TILE);
+                let mut band = vec![0.0; height * width];
+                let work = cast(row, column..column + 1, &mut band);
+                let mut values = vec![0.0; TILE * TILE];
+                for y in 0..height {
+                    values[TILE * y..][..wide].copy_from_slice(&band[y * width + column * TILE..][..wide]);
+                }
+                (values, work)
+            };
+            let (values, work) = only.par_iter().map(one).unzip();
+            return Made::Tiles(values, sum(work));
         }
-        (image, counters)
+        let mut image = Image::zeros(camera.extent());
+        let rows = image.values_mut().par_chunks_mut(TILE * width).enumerate().with_max_len(1);
+        let work = rows.map(|(row, out)| {
+            let work = cast(row, 0..width.div_ceil(TILE), out);
+            watch.advance((out.len() / width) as u64);
+            work
+        });
+        let work = work.collect();
+        Made::Image(image, sum(work))
     }
 }
 
@@ -132,11 +193,12 @@ struct Band<'a, 'w, T, W> {
 fn run_avx512<T: Voxel, W: Weights<T>, const EXACT: bool, const SQUARED: bool>(
     band: &Band<'_, '_, T, W>,
     row: usize,
+    columns: Range<usize>,
     out: &mut [f64],
     work: &mut (Counters, Work),
 ) {
     // SAFETY: this function has the instructions.
-    unsafe { band.tiles::<Avx512, EXACT, SQUARED>(row, out, work) }
+    unsafe { band.tiles::<Avx512, EXACT, SQUARED>(row, columns, out, work) }
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -144,11 +206,12 @@ fn run_avx512<T: Voxel, W: Weights<T>, const EXACT: bool, const SQUARED: bool>(
 fn run_avx2<T: Voxel, W: Weights<T>, const EXACT: bool, const SQUARED: bool>(
     band: &Band<'_, '_, T, W>,
     row: usize,
+    columns: Range<usize>,
     out: &mut [f64],
     work: &mut (Counters, Work),
 ) {
     // SAFETY: this function has the instructions.
-    unsafe { band.tiles::<Avx2, EXACT, SQUARED>(row, out, work) }
+    unsafe { band.tiles::<Avx2, EXACT, SQUARED>(row, columns, out, work) }
 }
 
 impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
@@ -156,18 +219,19 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
         &self,
         level: Level,
         row: usize,
+        columns: Range<usize>,
         out: &mut [f64],
         work: &mut (Counters, Work),
     ) {
         match level {
             // SAFETY: plain Rust needs no instructions.
-            Level::Portable => unsafe { self.tiles::<Portable, EXACT, SQUARED>(row, out, work) },
+            Level::Portable => unsafe { self.tiles::<Portable, EXACT, SQUARED>(row, columns, out, work) },
             // SAFETY: levels name only what the processor has (`Level::available`).
             #[cfg(target_arch = "x86_64")]
-            Level::Avx2 => unsafe { run_avx2::<T, W, EXACT, SQUARED>(self, row, out, work) },
+            Level::Avx2 => unsafe { run_avx2::<T, W, EXACT, SQUARED>(self, row, columns, out, work) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Level::Avx512 => unsafe { run_avx512::<T, W, EXACT, SQUARED>(self, row, out, work) },
+            Level::Avx512 => unsafe { run_avx512::<T, W, EXACT, SQUARED>(self, row, columns, out, work) },
         }
     }
 
@@ -179,6 +243,7 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
     unsafe fn tiles<S: Simd, const EXACT: bool, const SQUARED: bool>(
         &self,
         row: usize,
+        columns: Range<usize>,
         out: &mut [f64],
         (counters, work): &mut (Counters, Work),
     ) {
@@ -187,7 +252,7 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
         let share = 1.0 / rays as f64;
         let squared = if SQUARED { 1.0 / (self.optics.nearness * self.optics.nearness) } else { 1.0 };
         let scale = squared * self.field.unit();
-        for column in 0..self.width.div_ceil(TILE) {
+        for column in columns {
             let pieces = self.tiles.pieces(column, row, GAP * self.optics.spacing);
             if pieces.all().is_empty() || self.watch.cancelled() {
                 continue;

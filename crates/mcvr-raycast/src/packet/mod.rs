@@ -22,3 +22,4 @@ mod weigh;
 mod x86;
 
 pub(crate) use driver::{Along, Packets, Plan};
+pub(crate) use tiles::TILE;

@@ -210,6 +210,12 @@ impl Tiles {
         Self { columns, masks, start, length, low, high }
     }
 
+    /// Columns and rows of the tiles with any density.
+    pub fn occupied(&self) -> Vec<(usize, usize)> {
+        let full = self.masks.iter().enumerate().filter(|(_, m)| **m != 0);
+        full.map(|(n, _)| (n % self.columns, n / self.columns)).collect()
+    }
+
     /// Largest parameter at which there is density.
     pub fn farthest(&self) -> f64 {
         self.start + SLOTS as f64 * self.length

@@ -12,6 +12,7 @@ mod args;
 mod bench;
 mod bench_checks;
 mod claims;
+mod choice_text;
 mod claims_text;
 mod compare;
 mod converge;

@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::bail;
 use mcvr::plan::{Plan, Verdict, plan};
-use mcvr::scene::Watch;
+use mcvr::auto::{Choice, choose};
 use mcvr::scene::film::Film;
+use mcvr::scene::{Density, Watch};
 use mcvr::{ErrorSection, Made, MakeError, Method, make};
 use serde_json::{Value, json};
 
@@ -14,7 +15,7 @@ use super::args::{ImageArgs, ToneArgs};
 use super::plan_text::{describe, table};
 use super::render::write_json;
 use super::setup::{Setup, Viewpoint, image_setup};
-use super::{Interrupted, outputs, process, progress, radiograph};
+use super::{Interrupted, choice_text, numbers, outputs, process, progress, radiograph};
 
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  \
@@ -22,8 +23,9 @@ use super::{Interrupted, outputs, process, progress, radiograph};
     mcvr plan examples/shaded.toml --draw               how often, exactly: draws the points, makes no image\n  \
     mcvr plan examples/shaded.toml --run                makes the image and holds its counters to the forecast\n  \
     mcvr plan head.nrrd --shade --distance 90 -n 2^24   for flags as `mcvr render` takes them\n  \
+    mcvr plan head.nrrd --method auto --error 1%         what would be chosen, what it should take, and the runners-up\n  \
     mcvr plan scene.toml --json - | jq '.plans[].bytes'\n\n\
-    Without --draw and --run no voxel is read: what the voxels decide is forecast as a range.\n\
+    Without --draw, --run and --method auto no voxel is read: what the voxels decide is forecast as a range.\n\
     Exit status: 1 where --run counts something that the plan did not forecast.")]
 pub struct Args {
     /// Draw the points, so that ranges become numbers
@@ -32,6 +34,9 @@ pub struct Args {
     /// Make the image too (without writing it), and compare what was counted with what was forecast
     #[arg(long)]
     run: bool,
+    /// For --method auto: the error to reach, as a share of the mean pixel, such as 1% [default: 1%]
+    #[arg(long, value_name = "ERROR", value_parser = numbers::share)]
+    error: Option<f64>,
     /// Write the plans as JSON; - for standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -57,14 +62,20 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     let text = !quiet && args.json.as_deref() != Some(Path::new("-"));
     let views = std::mem::take(&mut setup.views);
     let (mut records, mut broken) = (vec![], vec![]);
+    let asked = setup.request;
     for (i, view) in views.iter().enumerate() {
         setup.scenery.camera = view.camera.clone();
         setup.view.clone_from(&view.words);
+        setup.request = asked;
+        let choice = chosen(args, &mut setup, quiet)?;
         let made = one(args, &setup, &film, quiet)?;
         if text {
             let mut out = outputs::stdout();
             if i > 0 {
                 writeln!(out)?;
+            }
+            if let Some(choice) = &choice {
+                writeln!(out, "{}", choice_text::table(choice))?;
             }
             let name = (views.len() > 1).then_some(&view.label[..]);
             write!(out, "{}", describe(&setup, name, &made.plan))?;
@@ -74,7 +85,11 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         }
         let wrong = made.outcome.iter().flat_map(|(_, v)| v).filter(|v| !v.holds());
         broken.extend(wrong.map(|v| format!("camera {}: {}", view.label, said(v))));
-        records.push(record(&setup, view, &made));
+        let mut record = record(&setup, view, &made);
+        if let Some(choice) = choice {
+            record["choice"] = json!(choice);
+        }
+        records.push(record);
     }
     if let Some(path) = &args.json {
         let versions = json!({ "mcvr": env!("CARGO_PKG_VERSION"), "record": 1 });
@@ -92,6 +107,20 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         if broken.len() == 1 { "one item".into() } else { format!("{} items", broken.len()) },
         broken.join("; ")
     )
+}
+
+/// Chooses for `--method auto`: the setup's request becomes the chosen one.
+fn chosen(args: &Args, setup: &mut Setup, quiet: bool) -> anyhow::Result<Option<Choice>> {
+    if setup.request.method != Method::Auto {
+        return Ok(None);
+    }
+    setup.request.error = args.error.or(setup.error.rmse).unwrap_or(setup.request.error);
+    let choice = watched(setup, quiet, "looking", |watch| {
+        let density = Density::new(&setup.scenery.volume, setup.scenery.map.clone())?;
+        choose(&density, &setup.scenery, &setup.request, watch)
+    })?;
+    setup.request = choice.request(&setup.request);
+    Ok(Some(choice))
 }
 
 /// A plan, and what became of it.
@@ -133,7 +162,7 @@ fn watched<T>(
 ) -> anyhow::Result<T> {
     let cancel = progress::interrupt_flag();
     let total = match setup.request.method {
-        Method::March | Method::Exact => setup.scenery.camera.extent().height as u64,
+        _ if setup.request.method.casts_rays() => setup.scenery.camera.extent().height as u64,
         _ => setup.request.samples,
     };
     let bar = progress::bar(total, quiet);

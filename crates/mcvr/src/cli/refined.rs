@@ -6,7 +6,7 @@ use anyhow::bail;
 use clap::Args;
 use mcvr::refinement::{Bars, Goal, Limits, Look, PixelGoal, Snapshot, Stop};
 use mcvr::scene::Watch;
-use mcvr::{MadeRefined, PixelSection, Refinement, refine};
+use mcvr::{MadeRefined, Method, PixelSection, Refinement, refine};
 use serde_json::{Value, json};
 
 use super::numbers;
@@ -49,6 +49,11 @@ fn replicates(text: &str) -> Result<u32, String> {
 }
 
 impl ErrorArgs {
+    /// The error that `--method auto` is to reach, where one is asked for.
+    pub fn target(&self, setup: &Setup) -> Option<f64> {
+        self.error.or(setup.error.rmse)
+    }
+
     /// The refinement that is asked for, if any is: by these arguments, or by the scene. `wanted` says that something else needs it,
     /// and `doubling` that someone watches it pass by pass.
     pub fn refinement(&self, setup: &Setup, wanted: bool, doubling: bool) -> anyhow::Result<Option<Refinement>> {
@@ -61,6 +66,16 @@ impl ErrorArgs {
             pixel: self.error_pixel.or(scene.pixel.as_ref().map(PixelSection::goal)),
             confidence: confidence.unwrap_or(Goal::default().confidence),
         };
+        if setup.request.method == Method::Auto {
+            let other = goal.pixel.is_some() || time.is_some() || replicates.is_some() || wanted;
+            if other || confidence.is_some() {
+                bail!(
+                    "--method auto reaches an --error by a prediction and has no replicates: --error-pixel, --confidence, --time, \
+                     --replicates, --error-map, --progressive and --preview are for qmc, stratified and mc"
+                );
+            }
+            return Ok(None);
+        }
         let asked = goal.errors() > 0 || time.is_some() || replicates.is_some() || wanted;
         if !asked {
             if confidence.is_some() {

@@ -15,13 +15,14 @@ use super::radiograph::Radiograph;
 use super::refined::{self, ErrorArgs, Known};
 use super::setup::{Setup, Viewpoint, image_setup};
 use super::watching::{self, WatchArgs, Watching};
-use super::{Interrupted, outputs, process, progress, radiograph};
+use super::{Interrupted, choice_text, outputs, process, progress, radiograph};
 
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  \
     mcvr render phantom:lobster -o lobster.png\n  \
     mcvr render scan.nii.gz --view 0,90 --samples 2^24 --estimand line -o scan.exr --json scan.json\n  \
     mcvr render scan.nii.gz --error 2% -o scan.exr       as many samples as 2 % needs; error bars in the file\n  \
+    mcvr render scan.nii.gz --method auto --error 1% -o scan.exr    the quickest way to 1 % (see mcvr plan for the choice)\n  \
     mcvr render scan.nii.gz --time 2s -o scan.png        what two seconds give, and how wrong it is\n  \
     mcvr render head.raw --dims 256,256,113 --type u16 --endian be --spacing 1,1,2 --emphasis 1200,8 -o head.png\n  \
     mcvr render chest.mha --map hounsfield:60keV --photons 1e4 -o radiograph.png --deep\n  \
@@ -77,6 +78,7 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         check_image_memory(view.camera.extent(), channels, &[&formats[..], &map_formats].concat())?;
     }
     let watched = args.watch.any() || !args.error_maps.is_empty();
+    setup.request.error = args.error.target(&setup).unwrap_or(setup.request.error);
     let refinement = args.error.refinement(&setup, watched, args.watch.any())?;
     if let Some(refinement) = &refinement {
         refined::check_memory(&setup, refinement)?;
@@ -220,7 +222,7 @@ fn labelled(path: &Path, label: &str) -> PathBuf {
 fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
     let cancel = progress::interrupt_flag();
     let total = match setup.request.method {
-        Method::March | Method::Exact => setup.scenery.camera.extent().height as u64,
+        _ if setup.request.method == Method::Auto || setup.request.method.casts_rays() => setup.scenery.camera.extent().height as u64,
         _ => setup.request.samples,
     };
     let bar = progress::bar(total, quiet);
@@ -314,6 +316,9 @@ fn record(setup: &Setup, made: &Made, outputs: &[PathBuf], [write, total]: [f64;
         "outputs": outputs::names(outputs),
         "versions": { "mcvr": env!("CARGO_PKG_VERSION"), "record": 1 },
     });
+    if let Some(choice) = &made.choice {
+        record["choice"] = json!(choice);
+    }
     if !setup.scenery.effects.is_plain() {
         record["effects"] = json!(setup.scenery.effects);
     }
@@ -336,7 +341,8 @@ pub fn write_json(path: &Path, value: &Value) -> anyhow::Result<()> {
 fn summarise(setup: &Setup, made: &Made, outputs: &[PathBuf]) {
     let s = &made.seconds;
     let names: Vec<String> = outputs.iter().map(|p| p.display().to_string()).collect();
-    let unit = if setup.request.method.samples_volume() { "samples" } else { "rays" };
+    let method = made.choice.as_ref().map_or(setup.request.method, |c| c.chosen.method);
+    let unit = if method.samples_volume() { "samples" } else { "rays" };
     say!(
         "{}: {} {} {unit}, kernel {}, estimand {} ({}), seed {}",
         names.join(", "),
@@ -347,6 +353,9 @@ fn summarise(setup: &Setup, made: &Made, outputs: &[PathBuf]) {
         setup.request.estimand.unit(),
         setup.request.seed
     );
+    if let Some(choice) = &made.choice {
+        choice_text::say(choice);
+    }
     say!(
         "{:.4} s: distribution {:.4}, sampling {:.4}, projection {:.4} ({} threads; loading {:.3} s before)",
         s.complete,

@@ -107,6 +107,7 @@ pub fn setup(
         order: method.order.or(sampling.order).unwrap_or_default(),
         scramble: method.scramble.or(sampling.scramble).unwrap_or_default(),
         step: method.step.or(sampling.step).unwrap_or(defaults.step),
+        error: defaults.error,
         jitter: method.jitter || sampling.jitter.unwrap_or(defaults.jitter),
         cull: !method.no_cull && sampling.cull.unwrap_or(defaults.cull),
         tolerance: method.tolerance.or(sampling.tolerance).unwrap_or(defaults.tolerance),

@@ -69,9 +69,14 @@ fn weights_why(scenery: &Scenery) -> String {
 /// the exact method, the tolerance decide.
 fn cast(scenery: &Scenery, request: &Request, look: &Look, passes: &mut Vec<Pass>) {
     let pixels = scenery.camera.extent().pixels() as u64;
-    let march = request.method == Method::March;
+    let march = request.method != Method::Exact;
+    let exact = request.method == Method::Rays;
     let prefix = if march { "march" } else { "reference" };
     let each = if march { u64::from(crate::make::rays_per_pixel(request.samples, &scenery.camera)) } else { 0 };
+    // Means over pixels need the rays of a margin of two pixels.
+    let averages = matches!(request.method, Method::Rays | Method::Comb) && !request.jitter && look.is_plain();
+    let extent = scenery.camera.extent();
+    let cast = if averages { (extent.width as u64 + 4) * (extent.height as u64 + 4) } else { pixels };
     let mut work = vec![if march {
         Forecast::exact("rays_per_pixel", each)
     } else {
@@ -81,8 +86,10 @@ fn cast(scenery: &Scenery, request: &Request, look: &Look, passes: &mut Vec<Pass
     for counter in counters.as_object().into_iter().flatten().map(|(name, _)| name) {
         let name = format!("{prefix}.{counter}");
         work.push(match (march, &counter[..]) {
-            (true, "rays") => Forecast::between(&name, 0, each.saturating_mul(pixels)),
-            // A march knows neither cells nor bricks.
+            (true, "rays") => Forecast::between(&name, 0, each.saturating_mul(cast)),
+            // A march knows no cells, and packets leap over bricks a tile at a time, uncounted.
+            (true, "cells") if exact => Forecast::from(&name, 0),
+            (true, "empty_bricks") if exact => Forecast::from(&name, 0),
             (true, "cells" | "empty_bricks") => Forecast::exact(&name, 0),
             (_, "gradients") if look.shading.is_none() => Forecast::exact(&name, 0),
             (_, "colours") if look.palette.is_none() && look.ramp.is_none() => Forecast::exact(&name, 0),

@@ -1,0 +1,121 @@
+//! A look at a few tiles of an image, to know what errors rays would leave before they are cast.
+
+use mcvr_scene::{Camera, Density, Estimand, Watch};
+use rand::seq::index::sample;
+use rand_pcg::Pcg64Dxsm;
+use serde::Serialize;
+
+use crate::average;
+use crate::packet::{Along, Packets, Plan, TILE};
+use crate::points::Points;
+use crate::{Counters, RaycastError};
+
+/// What a pilot found out. Errors are RMSE over the whole image, as shares of its mean pixel; they are of rays through the pixels'
+/// centres, averaged over pixels from their neighbours ([`MarchOptions::average`](crate::MarchOptions::average)).
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Pilot {
+    /// Tiles of 8 by 8 pixels whose rays can meet density; rays are cast in no others.
+    pub tiles: u64,
+    /// Those that were looked at.
+    pub looked_at: u64,
+    /// Pixels of the image.
+    pub pixels: u64,
+    /// Mean pixel, from the tiles looked at.
+    pub mean: f64,
+    /// What averaging over the pixels changes, of the first order (second differences).
+    pub bend: f64,
+    /// The same of the second order (fourth differences).
+    pub bend_twice: f64,
+    /// Distance of a comb's samples in units of the smallest voxel spacing, and the error that a comb leaves along the rays.
+    pub combs: Vec<(f64, f64)>,
+    /// Samples at a distance of 1 a ray, where rays are cast.
+    pub steps: f64,
+    /// Cells integrated exactly a ray, where rays are cast.
+    pub cells: f64,
+    /// Work of the pilot itself.
+    pub counters: Counters,
+}
+
+impl Pilot {
+    /// Distances of the combs that are tried.
+    pub const DISTANCES: [f64; 7] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0];
+
+    /// Looks at up to `tiles` tiles of the image of `tent`, chosen at random by `seed`; `None` where rays are not cast in packets.
+    /// The same numbers for any number of threads.
+    ///
+    /// # Errors
+    /// [`RaycastError::Cancelled`] when `watch` said so.
+    pub fn look(
+        density: &Density,
+        camera: &Camera,
+        estimand: Estimand,
+        tiles: usize,
+        seed: u64,
+        watch: &Watch,
+    ) -> Result<Option<Self>, RaycastError> {
+        let packets = Packets::new(density);
+        let Some(full) = packets.occupied_tiles(camera, estimand) else { return Ok(None) };
+        // Far from tile to tile, so that few see much.
+        let mut random = Pcg64Dxsm::new(u128::from(seed), 0x7069_6c6f_74);
+        let mut chosen: Vec<usize> = sample(&mut random, full.len(), tiles.min(full.len())).into_vec();
+        chosen.sort_unstable();
+        let chosen: Vec<(usize, usize)> = chosen.into_iter().map(|n| full[n]).collect();
+        let mut counters = Counters::default();
+        let mut cast = |along: Along, phase: bool| {
+            let plan = Plan { along, points: Points::new(1, false, phase, seed), estimand };
+            // Served above, so the fallback is never used.
+            let (values, work) = packets.tiles(camera, &plan, &chosen, watch).unwrap_or_default();
+            counters += work;
+            (values, work)
+        };
+        let (exact, exact_work) = cast(Along::Exact, false);
+        let spacing = density.volume().grid().spacing().min_element();
+        let mut steps = 0;
+        let mut combs = vec![];
+        let pixels = camera.extent().pixels() as f64;
+        // From a mean over the tiles looked at to one over the image: the others are dark.
+        let share = (full.len() * TILE * TILE) as f64 / pixels;
+        let mean = share.min(1.0) * exact.iter().flatten().sum::<f64>() / (exact.len() * TILE * TILE).max(1) as f64;
+        let rms = |sum: f64| (share.min(1.0) * sum / (exact.len() * INNER * INNER).max(1) as f64).sqrt() / mean;
+        for distance in Self::DISTANCES {
+            let (comb, work) = cast(Along::Comb(distance * spacing), true);
+            if distance == 1.0 {
+                steps = work.evaluations;
+            }
+            let error = comb.iter().zip(&exact).map(|(c, e)| {
+                let difference: Vec<f64> = c.iter().zip(e).map(|(c, e)| c - e).collect();
+                inner().map(|at| average::at(&difference, TILE, at, 1).powi(2)).sum::<f64>()
+            });
+            combs.push((distance, rms(error.sum())));
+        }
+        if watch.cancelled() {
+            return Err(RaycastError::Cancelled);
+        }
+        let bend = |which: usize| {
+            let all = exact.iter().map(|e| inner().map(|at| average::bends(e, TILE, at)[which].powi(2)).sum::<f64>());
+            rms(all.sum())
+        };
+        let rays = exact_work.rays.max(1) as f64;
+        Ok(Some(Self {
+            tiles: full.len() as u64,
+            looked_at: chosen.len() as u64,
+            pixels: pixels as u64,
+            mean,
+            bend: bend(0),
+            bend_twice: bend(1),
+            combs,
+            steps: steps as f64 / rays,
+            cells: exact_work.cells as f64 / rays,
+            counters,
+        }))
+    }
+}
+
+/// Pixels along a side of a tile whose neighbours two pixels away are in it as well.
+const INNER: usize = TILE - 2 * average::MARGIN;
+
+/// Their places in a tile's values.
+fn inner() -> impl Iterator<Item = usize> {
+    let side = average::MARGIN..TILE - average::MARGIN;
+    side.clone().flat_map(move |y| side.clone().map(move |x| x + TILE * y))
+}

@@ -1,0 +1,90 @@
+//! The method and the budget for an error, chosen by the program.
+//!
+//! [`choose`] casts the rays of a few tiles of the image ([`Pilot`]), so that it knows how the scan's depth and the pixels' areas
+//! resist rays, and compares what every candidate would take for the error that is asked for by a cost model in nanoseconds
+//! ([`Costs`]). Work is counted, never timed: the choice is the same on every machine and for any number of threads.
+
+mod candidates;
+mod costs;
+
+use mcvr_raycast::Pilot;
+use mcvr_scene::{Density, Kernel, Watch};
+use serde::Serialize;
+
+use crate::{MakeError, Method, Request, Scenery};
+use candidates::candidates;
+pub use costs::Costs;
+
+/// A way to the error asked for.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Candidate {
+    /// By which method.
+    pub method: Method,
+    /// Samples, or rays in all.
+    pub samples: u64,
+    /// Distance of samples along rays, in units of the smallest voxel spacing; 0 where there is none.
+    pub step: f64,
+    /// The RMSE over the mean pixel that is expected.
+    pub error: f64,
+    /// Seconds on one thread that are expected, from the weights in memory to the finished image.
+    pub seconds: f64,
+}
+
+/// What was chosen, and why.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Choice {
+    /// The error that was asked for.
+    pub target: f64,
+    /// The cheapest that is expected to reach it, or, where none does, the most accurate.
+    pub chosen: Candidate,
+    /// The best of every other method, cheapest first.
+    pub runners_up: Vec<Candidate>,
+    /// What was looked at; `None` where rays are not cast in packets.
+    pub pilot: Option<Pilot>,
+    /// Whether the chosen one is expected to reach the error.
+    pub reaches: bool,
+}
+
+/// Tiles that a pilot looks at: few of a small image, as many as tell an error within about a quarter else.
+const TILES: usize = 48;
+
+/// Chooses how to reach an error (RMSE over the mean pixel) at the request's kernel and estimand.
+///
+/// # Errors
+/// [`MakeError`] when the scene is unusable or `watch` cancels.
+pub fn choose(
+    density: &Density,
+    scenery: &Scenery,
+    request: &Request,
+    watch: &Watch<'_>,
+) -> Result<Choice, MakeError> {
+    let camera = &scenery.camera;
+    let plain = scenery.effects.look(density.volume().grid(), camera)?.is_plain();
+    let pilot = if plain && request.kernel == Kernel::Tent {
+        Pilot::look(density, camera, request.estimand, TILES, request.seed, watch)?
+    } else {
+        None
+    };
+    let pixels = camera.extent().pixels() as u64;
+    let mut all = candidates(density.volume(), pixels, pilot.as_ref(), request.error);
+    all.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
+    let reaching = all.iter().position(|c| c.error <= request.error);
+    let most_accurate = || (0..all.len()).min_by(|a, b| all[*a].error.total_cmp(&all[*b].error));
+    let best = reaching.or_else(most_accurate).unwrap_or(0);
+    let chosen = all.remove(best);
+    let mut runners_up: Vec<Candidate> = vec![];
+    for c in all.into_iter().filter(|c| c.error <= request.error && c.method != chosen.method) {
+        if runners_up.iter().all(|r| r.method != c.method) {
+            runners_up.push(c);
+        }
+    }
+    Ok(Choice { target: request.error, reaches: reaching.is_some(), chosen, runners_up, pilot })
+}
+
+impl Choice {
+    /// The request that makes the chosen image.
+    pub fn request(&self, request: &Request) -> Request {
+        let Candidate { method, samples, step, .. } = self.chosen;
+        Request { method, samples, step: if step > 0.0 { step } else { request.step }, jitter: false, ..*request }
+    }
+}

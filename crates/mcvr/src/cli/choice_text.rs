@@ -1,0 +1,52 @@
+//! A choice of method in words.
+
+use mcvr::auto::{Candidate, Choice};
+
+fn percent(share: f64) -> String {
+    let p = 100.0 * share;
+    if p >= 0.1 { format!("{p:.2} %") } else { format!("{p:.1e} %") }
+}
+
+fn words(c: &Candidate) -> String {
+    let unit = if c.method.samples_volume() { "samples" } else { "rays" };
+    let step = if c.step > 0.0 { format!(", {:.2} voxels apart", c.step) } else { String::new() };
+    format!("{} with {} {unit}{step}", c.method, c.samples)
+}
+
+/// One line about what was chosen.
+pub fn say(choice: &Choice) {
+    say!(
+        "chosen for an error of {}: {}; expected {} in {:.4} s of one thread",
+        percent(choice.target),
+        words(&choice.chosen),
+        percent(choice.chosen.error),
+        choice.chosen.seconds
+    );
+    if !choice.reaches {
+        say!("mcvr: warning: no method is expected to reach {}; this is the most accurate", percent(choice.target));
+    }
+}
+
+/// The choice and its runners-up, a line each.
+pub fn table(choice: &Choice) -> String {
+    let mut out = format!("choice for an error of {}\n", percent(choice.target));
+    for (n, c) in std::iter::once(&choice.chosen).chain(&choice.runners_up).enumerate() {
+        let mark = if n == 0 { "*" } else { " " };
+        out += &format!(
+            "  {mark} {:<44} error {:>9}  {:>9.2} ms of one thread\n",
+            words(c),
+            percent(c.error),
+            1e3 * c.seconds
+        );
+    }
+    match &choice.pilot {
+        Some(p) => {
+            out += &format!(
+                "  from the rays of {} of {} tiles with density; {:.0} voxels' way a ray\n",
+                p.looked_at, p.tiles, p.steps
+            );
+        }
+        None => out += "  without a look: rays are cast in packets only for plain X-rays of tent\n",
+    }
+    out
+}

@@ -307,7 +307,7 @@ fn cast(
     let distribution = start.elapsed().as_secs_f64();
     let phases = |projection| PhaseSeconds { distribution, sampling: 0.0, projection, complete: 0.0 };
     if request.method != Method::Exact {
-        let rays_per_pixel = rays_per_pixel(request.samples, camera);
+        let rays_per_pixel = rays_per_pixel(request.samples, camera, request.jitter);
         let average = !request.jitter && look.is_plain();
         let options = MarchOptions {
             step: request.step,
@@ -367,9 +367,12 @@ fn channels(mut channels: Vec<Image>) -> (Image, Option<[Image; 3]>) {
     }
 }
 
-/// Rays a pixel for a budget of rays: the largest square that it pays for, at least one. Squares are cast as
-/// regular grids of sub-pixels, which beat the same number of jittered rays.
-pub(crate) fn rays_per_pixel(rays: u64, camera: &Camera) -> u32 {
+/// Rays a pixel for a budget of rays: the largest square that it pays for, at least one; with jitter any number. Squares are
+/// cast as regular grids of sub-pixels, which beat the same number of jittered rays.
+pub(crate) fn rays_per_pixel(rays: u64, camera: &Camera, jitter: bool) -> u32 {
+    if jitter {
+        return (rays / camera.extent().pixels() as u64).clamp(1, 1 << 20) as u32;
+    }
     let side = (rays / camera.extent().pixels() as u64).isqrt().clamp(1, 1024);
     (side * side) as u32
 }

@@ -109,6 +109,31 @@ fn every_sampler_agrees_with_ray_casting_under_bspline3() {
     every_sampler_agrees(Kernel::Bspline3);
 }
 
+/// Rays at random places in their pixels, exact in depth or with samples far apart from a random start.
+#[test]
+fn jittered_rays_and_combs_agree_with_the_reference() {
+    let scenery = speckled_scene(&close_up());
+    let pixels = scenery.camera.extent().pixels() as u64;
+    for kernel in [Kernel::Box, Kernel::Tent, Kernel::Bspline3] {
+        for estimand in Estimand::ALL {
+            let truth = truth(&scenery, kernel, estimand);
+            for rays in [1, 3] {
+                let base = Request { jitter: true, samples: rays * pixels, kernel, estimand, ..Request::default() };
+                for request in [
+                    Request { method: Method::Rays, ..base },
+                    Request { method: Method::Comb, step: 0.7, ..base },
+                    Request { method: Method::Comb, step: 5.0, ..base },
+                ] {
+                    let label = format!("speckle, {} {kernel} {estimand}, {rays} rays, {}", request.method, request.step);
+                    let images = replicates(&scenery, request);
+                    nothing_strays(&label, &truth, &images);
+                    agreement(label, &truth, &images, SAMPLES).hold();
+                }
+            }
+        }
+    }
+}
+
 /// The camera with its pixel coordinates mapped by `p -> a p + b` (rows of `[a | b]`), times a factor.
 fn remapped(scenery: &Scenery, map: [[f64; 3]; 2], factor: f64) -> Camera {
     let m = scenery.camera.world_to_pixel();

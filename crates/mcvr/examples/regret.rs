@@ -1,0 +1,205 @@
+//! What `--method auto` costs beside the best fixed method: every scan of a folder, three views, four errors.
+//!
+//! `cargo run --release -p mcvr --example regret -- DATA_DIR [--markdown FILE] [--json FILE] [--repeats 3] [--only PART]`
+//!
+//! For each scan and view a truth is cast (rays through 8 by 8 places of every pixel, exact in depth, averaged), then every fixed
+//! setting of the methods `comb`, `rays`, `march` and `qmc` and the choice for each error are timed in turns. The regret is the
+//! choice's time over that of the quickest fixed setting that reaches the error; both include everything from the voxels in memory to
+//! the image. A choice that misses its error is counted, whatever its time.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use mcvr::scene::{Camera, DensityMap, Extent, Hounsfield, Image, Transfer, View, Watch};
+use mcvr::{Method, Request, Scenery, make};
+use serde_json::{Value, json};
+
+const ERRORS: [f64; 4] = [0.1, 0.03, 0.01, 0.003];
+const VIEWS: [[f64; 2]; 3] = [[30.0, 20.0], [0.0, 0.0], [120.0, -35.0]];
+const STEPS: [f64; 9] = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 20.0];
+
+type Failure = Box<dyn std::error::Error>;
+
+struct Measured {
+    name: String,
+    error: f64,
+    seconds: f64,
+}
+
+fn relative_rmse(image: &Image, truth: &Image) -> f64 {
+    let n = truth.values().len() as f64;
+    let sum: f64 = image.values().iter().zip(truth.values()).map(|(a, b)| (a - b) * (a - b)).sum();
+    (sum / n).sqrt() / truth.mean()
+}
+
+/// Fixed settings: rays a pixel, distances, samples.
+fn settings(pixels: u64) -> Vec<(String, Request)> {
+    let base = Request::default();
+    let mut all = vec![];
+    for n in 1..=4u64 {
+        let samples = n * n * pixels;
+        all.push((format!("rays {n}x{n}"), Request { method: Method::Rays, samples, ..base }));
+        for step in STEPS {
+            let request = Request { method: Method::Comb, samples, step, ..base };
+            all.push((format!("comb {n}x{n} {step}"), request));
+        }
+    }
+    for n in 1..=3u64 {
+        let request = Request { method: Method::March, samples: n * n * pixels, ..base };
+        all.push((format!("march {n}x{n}"), request));
+    }
+    for m in 18..=24 {
+        all.push((format!("qmc 2^{m}"), Request { method: Method::Qmc, samples: 1 << m, ..base }));
+    }
+    all
+}
+
+/// Error and quickest time of several repeats.
+fn measure(scenery: &Scenery, request: &Request, truth: &Image, repeats: usize) -> Result<(f64, f64, Value), Failure> {
+    let (mut error, mut best, mut choice) = (0.0, f64::INFINITY, Value::Null);
+    for _ in 0..repeats {
+        let made = make(scenery, request, &Watch::default())?;
+        error = relative_rmse(&made.image, truth);
+        best = made.seconds.complete.min(best);
+        choice = json!(made.choice.map(|c| c.chosen));
+    }
+    Ok((error, best, choice))
+}
+
+fn scans(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
+    let mut all: Vec<PathBuf> = std::fs::read_dir(folder)?.map(|e| Ok(e?.path())).collect::<Result<_, Failure>>()?;
+    all.retain(|p| {
+        let name = p.to_string_lossy();
+        !name.ends_with(".md") && !name.ends_with(".tar.gz")
+    });
+    all.sort();
+    Ok(all)
+}
+
+/// The density map that fits a scan: Hounsfield units become attenuation.
+fn map_for(volume: &mcvr::volume::Volume, name: &str) -> Result<DensityMap, Failure> {
+    let _ = volume;
+    let hounsfield = name.contains("_hu_") || name.contains("abdomen");
+    let transfer = if hounsfield { Transfer::Hounsfield(Hounsfield::of_water(0.02)?) } else { Transfer::Identity };
+    Ok(DensityMap { transfer, ..DensityMap::default() })
+}
+
+fn main() -> Result<(), Failure> {
+    let mut args = std::env::args().skip(1);
+    let usage = "usage: regret DATA_DIR [--markdown FILE] [--json FILE] [--repeats N] [--only PART]";
+    let folder = PathBuf::from(args.next().ok_or(usage)?);
+    let (mut markdown, mut records, mut repeats, mut only) = (None, None, 3, None);
+    while let Some(flag) = args.next() {
+        let value = args.next().ok_or(usage)?;
+        match &flag[..] {
+            "--markdown" => markdown = Some(PathBuf::from(value)),
+            "--json" => records = Some(PathBuf::from(value)),
+            "--repeats" => repeats = value.parse::<usize>()?.max(1),
+            "--only" => only = Some(value),
+            _ => return Err(usage.into()),
+        }
+    }
+    let extent = Extent::new(400, 400)?;
+    let mut rows = vec![];
+    for path in scans(&folder)? {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().split('_').next().unwrap_or("scan").to_owned();
+        if only.as_ref().is_some_and(|o| !path.to_string_lossy().contains(&o[..])) {
+            continue;
+        }
+        let volume = mcvr::volume::open(&path, None)?.volume;
+        let map = map_for(&volume, &path.to_string_lossy())?;
+        for [azimuth, elevation] in VIEWS {
+            let view = View { azimuth, elevation, ..View::default() };
+            let camera = Camera::look(&view, volume.grid(), extent)?;
+            let scenery = Scenery::new(volume.clone(), map.clone(), camera);
+            let pixels = extent.pixels() as u64;
+            let exact = Request { method: Method::Rays, samples: 64 * pixels, ..Request::default() };
+            let truth = make(&scenery, &exact, &Watch::default())?.image;
+            let mut fixed = vec![];
+            for (name, request) in settings(pixels) {
+                let (error, seconds, _) = measure(&scenery, &request, &truth, repeats)?;
+                fixed.push(Measured { name, error, seconds });
+            }
+            for target in ERRORS {
+                let request = Request { method: Method::Auto, error: target, ..Request::default() };
+                let (error, seconds, choice) = measure(&scenery, &request, &truth, repeats)?;
+                let best = fixed.iter().filter(|m| m.error <= target).min_by(|a, b| a.seconds.total_cmp(&b.seconds));
+                let regret = best.map(|b| seconds / b.seconds);
+                eprintln!(
+                    "{name:<12} {azimuth:>4},{elevation:<4} {:>5} %: auto {:.4} s, {:.3} %; best {} {:.4} s, {:.3} %; regret {:.2}",
+                    100.0 * target,
+                    seconds,
+                    100.0 * error,
+                    best.map_or("-", |b| &b.name[..]),
+                    best.map_or(f64::NAN, |b| b.seconds),
+                    best.map_or(f64::NAN, |b| 100.0 * b.error),
+                    regret.unwrap_or(f64::NAN)
+                );
+                rows.push(json!({
+                    "scan": name, "view": [azimuth, elevation], "target": target, "seconds": seconds, "error": error,
+                    "choice": choice, "best": best.map(|b| &b.name), "best_seconds": best.map(|b| b.seconds),
+                    "best_error": best.map(|b| b.error), "regret": regret,
+                    "threads": rayon::current_num_threads(),
+                }));
+            }
+        }
+    }
+    let text = table(&rows);
+    print!("{text}");
+    if let Some(path) = markdown {
+        mcvr::volume::write_whole(&path, |out| out.write_all(text.as_bytes()))?;
+    }
+    if let Some(path) = records {
+        let lines: String = rows.iter().map(|r| format!("{r}\n")).collect();
+        mcvr::volume::write_whole(&path, |out| out.write_all(lines.as_bytes()))?;
+    }
+    Ok(())
+}
+
+fn table(rows: &[Value]) -> String {
+    let mut out = String::from(
+        "# What the choice of method costs\n\nTime of `--method auto` over that of the quickest fixed setting that reaches the error; 400x400 pixels.\n\n\
+         | error | cases | regret: median | 90 % | worst | missed the error | worst miss |\n| ---: | ---: | ---: | ---: | ---: | ---: | ---: |\n",
+    );
+    let line = |label: String, of: &dyn Fn(&Value) -> bool| {
+        let chosen: Vec<&Value> = rows.iter().filter(|r| of(r)).collect();
+        let mut regrets: Vec<f64> = chosen.iter().filter_map(|r| r["regret"].as_f64()).collect();
+        regrets.sort_by(f64::total_cmp);
+        let at = |share: f64| regrets.get(((regrets.len() as f64 - 1.0) * share).round() as usize).copied().unwrap_or(f64::NAN);
+        let over = |r: &&&Value| r["error"].as_f64().unwrap_or(0.0) / r["target"].as_f64().unwrap_or(1.0);
+        let missed = chosen.iter().filter(|r| over(r) > 1.0).count();
+        let worst = chosen.iter().map(|r| over(&r)).fold(0.0, f64::max);
+        format!(
+            "| {label} | {} | {:.2} | {:.2} | {:.2} | {missed} | {:.2} times the error |\n",
+            chosen.len(),
+            at(0.5),
+            at(0.9),
+            at(1.0),
+            worst
+        )
+    };
+    for target in ERRORS {
+        out += &line(format!("{} %", 100.0 * target), &|r| r["target"] == target);
+    }
+    out += &line("all".into(), &|_| true);
+    out += "\n| scan | view | error | auto | seconds | error reached | best fixed | seconds | regret |\n| --- | --- | ---: | --- | ---: | ---: | --- | ---: | ---: |\n";
+    for r in rows {
+        let number = |key: &str, scale: f64, digits: usize| r[key].as_f64().map_or("-".into(), |v| format!("{:.digits$}", v * scale));
+        let c = &r["choice"];
+        out += &format!(
+            "| {} | {} | {} % | {} {} {:.2} | {} | {} % | {} | {} | {} |\n",
+            r["scan"].as_str().unwrap_or(""),
+            r["view"],
+            100.0 * r["target"].as_f64().unwrap_or(0.0),
+            c["method"].as_str().unwrap_or(""),
+            c["samples"],
+            c["step"].as_f64().unwrap_or(0.0),
+            number("seconds", 1.0, 4),
+            number("error", 100.0, 3),
+            r["best"].as_str().unwrap_or("-"),
+            number("best_seconds", 1.0, 4),
+            number("regret", 1.0, 2)
+        );
+    }
+    out
+}

@@ -1,0 +1,72 @@
+//! The choice of method: it reaches what it promises, is the same on any number of threads, and says why.
+#![allow(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
+
+mod common;
+
+use common::*;
+use mcvr::auto::choose;
+use mcvr::scene::{Camera, Density, DensityMap, Effects, Estimand, Extent, Kernel, View, Watch};
+use mcvr::{Method, Request, Scenery, volume};
+
+fn scenery(input: &str, view: View) -> Scenery {
+    let volume = volume::load(input, None).unwrap().volume;
+    let camera = Camera::look(&view, volume.grid(), Extent::new(96, 80).unwrap()).unwrap();
+    Scenery::new(volume, DensityMap::default(), camera)
+}
+
+fn rmse(scenery: &Scenery, request: &Request, truth: &mcvr::scene::Image) -> f64 {
+    let image = made(scenery, request).image;
+    let square: f64 = image.values().iter().zip(truth.values()).map(|(a, b)| (a - b) * (a - b)).sum();
+    (square / truth.values().len() as f64).sqrt() / truth.mean()
+}
+
+#[test]
+fn what_is_chosen_reaches_the_error() {
+    for input in ["phantom:lobster@96", "phantom:vessels@64", "phantom:shepp-logan@80"] {
+        for view in [View::default(), View { azimuth: 90.0, elevation: 5.0, parallel: true, ..View::default() }] {
+            let scenery = scenery(input, view);
+            for estimand in Estimand::ALL {
+                let base = Request { estimand, ..Request::default() };
+                let truth = exact(&scenery, Kernel::Tent, estimand, 2e-4, 6).image;
+                for error in [0.1, 0.02, 0.004] {
+                    let reached = rmse(&scenery, &Request { method: Method::Auto, error, ..base }, &truth);
+                    assert!(reached <= error, "{input}, {estimand}: {reached} for {error}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_choice_follows_the_error_and_not_the_threads() {
+    let scenery = scenery("phantom:lobster@96", View::default());
+    let density = Density::new(&scenery.volume, scenery.map.clone()).unwrap();
+    let of = |threads: usize, error: f64| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let request = Request { method: Method::Auto, error, ..Request::default() };
+        pool.install(|| choose(&density, &scenery, &request, &Watch::default())).unwrap()
+    };
+    let mut last = 0.0;
+    for error in [0.2, 0.05, 0.01, 0.002, 0.0005] {
+        let choice = of(1, error);
+        assert_eq!(choice, of(4, error));
+        assert!(choice.reaches && choice.chosen.error <= error, "{error}: {:?}", choice.chosen);
+        assert!(choice.chosen.seconds >= last, "{error}: less error for less time");
+        last = choice.chosen.seconds;
+        assert!(choice.runners_up.iter().all(|c| c.seconds >= last && c.error <= error && c.method != choice.chosen.method));
+    }
+}
+
+#[test]
+fn scenes_without_packets_get_a_method_that_serves_them() {
+    let plain = scenery("phantom:lobster@48", View::default());
+    let effects = Effects { depth_cue: Some(mcvr::scene::effects::DepthCue::default()), ..Effects::default() };
+    let lit = plain.clone().with_effects(effects);
+    for (scenery, kernel) in [(&plain, Kernel::Bspline3), (&plain, Kernel::Shell), (&lit, Kernel::Tent)] {
+        let request = Request { method: Method::Auto, error: 0.3, kernel, ..Request::default() };
+        let made = made(scenery, &request);
+        let choice = made.choice.unwrap();
+        assert_eq!(choice.chosen.method, Method::Qmc);
+        assert_eq!(choice.pilot, None);
+    }
+}

@@ -17,6 +17,7 @@ mod compare;
 mod converge;
 mod cost;
 mod effect_args;
+mod export;
 mod hardcases;
 mod history;
 mod info;
@@ -94,6 +95,8 @@ enum Command {
     Cost(Box<cost::Args>),
     /// Compare two images: errors, bias, a signed difference image
     Compare(compare::Args),
+    /// Write a scan, a camera and the truth for other programs
+    Export(Box<export::Args>),
     /// Describe a volume file
     Info(info::Args),
     /// Pose the hard cases: where such programs break, measured beside its bound
@@ -140,6 +143,7 @@ pub fn run() -> ExitCode {
         Some(Command::Converge(args)) => converge::run(&args, cli.quiet),
         Some(Command::Cost(args)) => cost::run(&args, cli.quiet),
         Some(Command::Compare(args)) => compare::run(&args),
+        Some(Command::Export(args)) => export::run(&args, cli.quiet),
         Some(Command::Info(args)) => info::run(&args),
         Some(Command::Hardcases(args)) => hardcases::run(&args, cli.quiet),
         Some(Command::Claims(args)) => claims::run(&args, cli.quiet),

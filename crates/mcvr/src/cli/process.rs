@@ -20,6 +20,17 @@ pub fn peak_memory() -> Option<u64> {
     kib("/proc/self/status", "VmHWM:")
 }
 
+/// Seconds that this process has spent on processors so far, all threads together, where the system tells.
+pub fn cpu_seconds() -> Option<f64> {
+    #[cfg(unix)]
+    {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
+        Some(time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9)
+    }
+    #[cfg(not(unix))]
+    None
+}
+
 /// A line of one of the kernel's tables in bytes.
 fn kib(table: &str, name: &str) -> Option<u64> {
     let table = std::fs::read_to_string(table).ok()?;

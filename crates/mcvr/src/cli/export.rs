@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
+use glam::DVec3;
 use mcvr::raycast::{Counters, Integrator};
 use mcvr::scene::{Camera, Density, Estimand, Image, Kernel, film};
-use mcvr::volume::{Volume, write_metaimage};
+use mcvr::volume::{Grid, Volume, write_metaimage};
 use mcvr::{Detector, harness};
 use rayon::prelude::*;
 use serde_json::{Value, json};
@@ -22,7 +23,8 @@ use super::{outputs, process, progress};
     mcvr export scan.nii.gz -o exported                        the weights and the camera\n  \
     mcvr export lobster.mha --view 30,60 --truth -o exported   and the images that a program should come to\n  \
     mcvr export chest.mha --map hounsfield --distance 1000 --size 512x512 -o exported\n\n\
-    DIR/volume.mha: the weights after the density map (negative ones are 0), 32-bit floats, x fastest, in world mm.\n\
+    DIR/volume.mha: the weights after the density map (negative ones are 0), 32-bit floats, x fastest, in world mm, with one\n\
+    voxel of 0 added on every side, so that programs that end the field at the outermost voxels show the same scan.\n\
     DIR/geometry.json: source, detector centre, axes, pixel pitch (mm) and size; row 0 is the top of the image.\n\
     With --truth also images in weight units times mm, .npy (height, width), 64-bit floats:\n\
     truth.npy (mean over each pixel's area), centre-tent.npy and centre-box.npy (one ray through each pixel's centre,\n\
@@ -48,6 +50,9 @@ pub struct Args {
 /// The description's name in the folder. It is written last: where it stands, all it names is whole.
 const DESCRIPTION: &str = "geometry.json";
 const VOLUME: &str = "volume.mha";
+/// Voxels of weight 0 on every side of the exported grid. mcvr's field fades to 0 over half a kernel beyond the outermost
+/// voxels; other programs end theirs at those voxels' centres, and with this margin all see the same field.
+const MARGIN: usize = 1;
 /// Stem of the truth over each pixel's area.
 const TRUTH: &str = "truth";
 
@@ -56,15 +61,18 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     let setup = setup(&args.volume, &args.density, &args.view, &args.method, &budget, &tone, &effects)?;
     setup.check_one_camera("export")?;
     check(&setup)?;
-    let (grid, camera) = (setup.scenery.volume.grid(), &setup.scenery.camera);
-    let detector = Detector::of(camera, grid, setup.request.kernel.support())?;
+    let grid = setup.scenery.volume.grid();
+    // The margin is to lie in front of the detector as well.
+    let support = setup.request.kernel.support().max(1.0 + MARGIN as f64);
+    let detector = Detector::of(&setup.scenery.camera, grid, support)?;
+    let grid = padded(grid)?;
     process::check_memory(4 * grid.len() as u64, &format!("{} weights as 32-bit floats", grid.len()))?;
     for note in setup.notes.iter().filter(|_| !quiet) {
         say!("mcvr: note: {note}");
     }
     let density = Density::new(&setup.scenery.volume, setup.scenery.map.clone())?;
     remark(&density);
-    let weights = weights(&density)?;
+    let weights = weights(&density, grid.clone())?;
     claim(args)?;
     write_metaimage(&weights, &args.out.join(VOLUME))?;
     drop(weights);
@@ -72,7 +80,11 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     let description = json!({
         "format": "mcvr export",
         "format_version": 1,
-        "volume": { "file": VOLUME, "type": "float32", "axis_order": "x fastest", "unit": "weight per mm of path" },
+        "volume": {
+            "file": VOLUME, "type": "float32", "axis_order": "x fastest", "unit": "weight per mm of path",
+            "margin": MARGIN, "dims": grid.dims(), "spacing": grid.spacing().to_array(), "origin": grid.origin().to_array(),
+            "direction": grid.direction().transpose().to_cols_array_2d(),
+        },
         "camera": {
             "source_mm": detector.source.to_array(),
             "detector_centre_mm": detector.centre.to_array(),
@@ -144,16 +156,34 @@ fn remark(density: &Density) {
 }
 
 /// The weights as 32-bit floats on the volume's grid.
-fn weights(density: &Density) -> anyhow::Result<Volume> {
+fn weights(density: &Density, padded: Grid) -> anyhow::Result<Volume> {
     let (volume, largest) = (density.volume(), density.report().max_weight);
     if largest > f64::from(f32::MAX) {
         bail!("the largest weight, {largest:e}, exceeds 32-bit floats; scale the weights down (--map linear:SLOPE,0)");
     }
-    let weights: Vec<f32> = (0..volume.grid().len()).into_par_iter().map(|i| density.weight(i) as f32).collect();
-    if weights.iter().all(|w| *w == 0.0) {
+    if largest as f32 == 0.0 {
         bail!("the largest weight, {largest:e}, is 0 as a 32-bit float; scale the weights up (--map linear:SLOPE,0)");
     }
-    Ok(Volume::from_vec(volume.grid().clone(), weights, volume.name())?)
+    let [columns, rows, slices] = volume.grid().dims();
+    let [width, height, _] = padded.dims();
+    let mut weights = vec![0f32; padded.len()];
+    weights.par_chunks_mut(width * height).skip(MARGIN).take(slices).enumerate().for_each(|(k, slice)| {
+        for j in 0..rows {
+            let from = (k * rows + j) * columns;
+            let to = (j + MARGIN) * width + MARGIN;
+            for (i, weight) in slice[to..to + columns].iter_mut().enumerate() {
+                *weight = density.weight(from + i) as f32;
+            }
+        }
+    });
+    Ok(Volume::from_vec(padded, weights, volume.name())?)
+}
+
+/// The grid with a margin of zeros on every side.
+fn padded(grid: &Grid) -> anyhow::Result<Grid> {
+    let dims = grid.dims().map(|n| n + 2 * MARGIN);
+    let origin = grid.index_to_world().transform_point3(DVec3::splat(-(MARGIN as f64)));
+    Ok(Grid::new(dims, grid.spacing(), origin, grid.direction())?)
 }
 
 /// Makes the folder, and takes away the description of an earlier export, which the new files would belie.

@@ -140,7 +140,7 @@ def singles(run, options):
     found, ended = [], set()
     pixels = run.export.width * run.export.height
     for case in cases.SINGLE:
-        make = lambda name, args: Measured(Mcvr(run, f"mcvr {case['name'].split()[0]}", name, args), "mcvr single")
+        make = lambda name, args: Measured(Mcvr(run, f"mcvr {case['name'].split(',')[0].split()[0]}", name, args), "mcvr single")
         if "values" not in case:
             family = case["name"].split(",")[0]
             if family in ended:

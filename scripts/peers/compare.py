@@ -24,6 +24,7 @@ from worker import Refused
 
 # The form of the record's lines; `mcvr cost --peers` reads this one.
 RECORD = "mcvr peers 1"
+PLAIN = ("1x1 rays", "step 1, 1x1 rays", "step 1, a ray for 1x1 pixels")
 # Settings of a system that are measured in rounds for each error.
 PER_TARGET = 2
 
@@ -210,7 +211,7 @@ def contenders(measured, options):
                 good = [m for m in measured if m.group == group and (m.rms(key) or math.inf) <= target]
                 kept += sorted(good, key=lambda m: m.median(options.clock))[:PER_TARGET]
     # A peer's plain setting is shown whatever its error.
-    plain = [m for m in measured if m.contestant.own_field and m.contestant.setting in ("1x1 rays", "step 1.0, 1x1 rays")]
+    plain = [m for m in measured if m.contestant.own_field and m.contestant.setting in PLAIN]
     return [m for m in measured if any(m is k for k in kept + plain)]
 
 

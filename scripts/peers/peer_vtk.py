@@ -12,8 +12,9 @@ import numpy as np
 
 from worker import Refused, pooled, serve, timed
 
-# (sample distance in units of the smallest spacing, sides of a pixel per cast ray, rays along a pixel's side)
-FIXED = ((2.0, 2.0, 1), (2.0, 1.0, 1), (1.0, 2.0, 1), (1.0, 1.0, 1), (0.5, 1.0, 1))
+# Sample distance in units of the smallest spacing, and pixels along the side of the square that one ray serves.
+FIXED = ((2.0, 2), (2.0, 1), (1.0, 2), (1.0, 1), (0.5, 1))
+# The same sample distance, and rays along a pixel's side.
 GPU = ((4.0, 1), (2.0, 1), (1.0, 1), (0.5, 1), (1.0, 2), (1.0, 3))
 
 
@@ -74,7 +75,7 @@ def start(export, threads):
         """Makes the next frame be rendered although nothing changed."""
         renderer.GetActiveCamera().Modified()
 
-    def fixed(step, spread, rays):
+    def fixed(step, spread):
         # Transmission from 1 down to exp(-2) uses most of the eight bits.
         scale = 2.0 / brightest
         mapper = vtk.vtkFixedPointVolumeRayCastMapper()
@@ -87,7 +88,7 @@ def start(export, threads):
         mapper.SetInteractiveSampleDistance(step * smallest)
         mapper.SetImageSampleDistance(spread)
         opacities = [(w, 1 - math.exp(-scale * w)) for w in np.linspace(0, largest, 1024)]
-        window, renderer = scene(mapper, opacities, rays)
+        window, renderer = scene(mapper, opacities, 1)
 
         def view():
             again(renderer)
@@ -100,8 +101,8 @@ def start(export, threads):
             grab.ShouldRerenderOff()
             grab.Update()
             levels = numpy_support.vtk_to_numpy(grab.GetOutput().GetPointData().GetScalars())
-            levels = levels.reshape(export.height * rays, export.width * rays, -1)[::-1, :, 0] / 255.0
-            return pooled(-np.log(np.maximum(1 - levels, 1 / 512)) / scale, rays)
+            levels = levels.reshape(export.height, export.width, -1)[::-1, :, 0] / 255.0
+            return -np.log(np.maximum(1 - levels, 1 / 512)) / scale
 
         return view
 
@@ -154,12 +155,11 @@ def start(export, threads):
 
     if os.environ.get("VTK_MAPPER", "fixed") == "fixed":
         system, settings = "VTK fixed point", [
-            setting(f"step {s}, {i}x{i} pixels a ray, {r}x{r} images", lambda s=s, i=i, r=r: fixed(s, i, r), step=s, rays=r)
-            for s, i, r in FIXED
+            setting(f"step {s:g}, a ray for {i}x{i} pixels", lambda s=s, i=i: fixed(s, i), rays=1) for s, i in FIXED
         ]
     else:
         system, settings = "VTK on llvmpipe", [
-            setting(f"step {s}, {r}x{r} rays", lambda s=s, r=r: gpu(s, r), step=s, rays=r) for s, r in GPU
+            setting(f"step {s:g}, {r}x{r} rays", lambda s=s, r=r: gpu(s, r), rays=r) for s, r in GPU
         ]
     return {"system": system, "version": vtk.vtkVersion.GetVTKVersion(), "field": "tent", "settings": settings}
 

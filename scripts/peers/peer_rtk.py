@@ -1,6 +1,7 @@
 """RTK's Joseph forward projector on the CPU (package itk-rtk): interpolates bilinearly in the slices that a ray crosses."""
 import os
 import sys
+from importlib import metadata
 
 from worker import Refused, pooled, serve, timed
 
@@ -51,18 +52,12 @@ def start(export, threads):
 
     return {
         "system": "RTK Joseph",
-        "version": f"itk-rtk {version()}, ITK {itk.Version.GetITKVersion()}",
+        "version": metadata.version("itk-rtk"),
         "field": "tent",
         "settings": [
             {"name": f"{rays}x{rays} rays", "rays": rays, "render": lambda rays=rays: timed(lambda: view(rays))} for rays in RAYS
         ],
     }
-
-
-def version():
-    from importlib import metadata
-
-    return metadata.version("itk-rtk")
 
 
 if __name__ == "__main__":

@@ -171,8 +171,9 @@ mod tests {
         let inside = look(View { distance: Some(5.0), ..View::default() });
         assert!(matches!(of(&inside), DetectorError::Near { .. }));
         let mut matrix = look(View::default()).world_to_pixel();
-        for (v, other) in (0..4).map(|c| (c, matrix[1][c])) {
-            matrix[0][v] += 0.2 * other;
+        let rows = matrix[1];
+        for (v, other) in matrix[0].iter_mut().zip(rows) {
+            *v += 0.2 * other;
         }
         let skewed = Camera::from_matrix(matrix, Extent::new(60, 50).unwrap(), &grid(), None).unwrap();
         assert!(matches!(of(&skewed), DetectorError::Skew { .. }), "{:?}", of(&skewed));

@@ -209,7 +209,7 @@ fn a_cost_report_shows_other_systems_of_the_same_view_and_refuses_stale_ones() {
     let done = run(&scan, "cost");
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     let report = std::fs::read_to_string(folder.path().join("cost/report.md")).unwrap();
-    assert!(report.contains("RTK Joseph, 9.9, 1 thread") && report.contains("Other systems"), "{report}");
+    assert!(report.contains("RTK Joseph 9.9, 1 thread") && report.contains("Other systems"), "{report}");
     assert!(
         String::from_utf8_lossy(&done.stdout).contains("10 %: RTK Joseph"),
         "{}",

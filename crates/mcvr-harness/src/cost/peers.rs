@@ -193,9 +193,9 @@ pub(crate) fn systems<'a>(points: &[&'a PeerPoint]) -> Vec<(&'a str, Vec<&'a Pee
     names.into_iter().map(|n| (n, points.iter().copied().filter(|p| p.system == n).collect())).collect()
 }
 
-/// A system with its version, and the threads where they are asked for.
+/// A system with its version and threads.
 pub(crate) fn name(point: &PeerPoint) -> String {
-    format!("{}, {}, {}", point.system, point.version, threads(point.threads))
+    format!("{} {}, {}", point.system, point.version, threads(point.threads))
 }
 
 /// The quickest of some points that reach an error which the truth can judge.

@@ -25,7 +25,7 @@ from worker import Refused
 # The form of the record's lines; `mcvr cost --peers` reads this one.
 RECORD = "mcvr peers 1"
 PLAIN = ("1x1 rays", "step 1, 1x1 rays", "step 1, a ray for 1x1 pixels")
-# Settings of a system that are measured in rounds for each error.
+# Settings of a system that are measured in rounds for each error: so many, none more than twice as slow as the first.
 PER_TARGET = 2
 
 
@@ -209,7 +209,9 @@ def contenders(measured, options):
         for target in options.errors:
             for key in ("error", "own_error"):
                 good = [m for m in measured if m.group == group and (m.rms(key) or math.inf) <= target]
-                kept += sorted(good, key=lambda m: m.median(options.clock))[:PER_TARGET]
+                time = lambda m: m.median(options.clock)
+                good.sort(key=time)
+                kept += [m for m in good[:PER_TARGET] if time(m) <= 2 * time(good[0])]
     # A peer's plain setting is shown whatever its error.
     plain = [m for m in measured if m.contestant.own_field and m.contestant.setting in PLAIN]
     return [m for m in measured if any(m is k for k in kept + plain)]

@@ -1,6 +1,7 @@
 //! What the operating system knows of this process.
 
 use anyhow::bail;
+use serde_json::{Value, json};
 
 /// Bytes of memory that this process could still take: what the machine has without swapping, less where a limit
 /// (`ulimit -v`, `ulimit -d`) allows less. Where the system tells (Linux).
@@ -21,7 +22,7 @@ pub fn peak_memory() -> Option<u64> {
 }
 
 /// Seconds that this process has spent on processors so far, all threads together, where the system tells.
-pub fn cpu_seconds() -> Option<f64> {
+fn cpu_seconds() -> Option<f64> {
     #[cfg(unix)]
     {
         let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
@@ -29,6 +30,17 @@ pub fn cpu_seconds() -> Option<f64> {
     }
     #[cfg(not(unix))]
     None
+}
+
+/// Makes an image so many times: the seconds of each on the clock, which `make` gives, and on all processors together.
+pub fn repeated(times: u32, mut make: impl FnMut() -> anyhow::Result<f64>) -> anyhow::Result<Value> {
+    let (mut wall, mut cpu) = (vec![], vec![]);
+    for _ in 0..times {
+        let begin = cpu_seconds();
+        wall.push(make()?);
+        cpu.push(cpu_seconds().zip(begin).map(|(now, then)| now - then));
+    }
+    Ok(json!({ "complete": wall, "cpu": cpu }))
 }
 
 /// A line of one of the kernel's tables in bytes.

@@ -103,8 +103,8 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         setup.scenery.camera = view.camera.clone();
         setup.view.clone_from(&view.words);
         let drawn = draw(args, &setup, refinement.as_ref(), view, one, &formats, quiet)?;
-        let again = || draw(args, &setup, refinement.as_ref(), view, one, &formats, true);
-        let repeats = args.repeats.map(|n| repeat(n, again)).transpose()?;
+        let again = || Ok(draw(args, &setup, refinement.as_ref(), view, one, &formats, true)?.made.seconds.complete);
+        let repeats = args.repeats.map(|n| process::repeated(n, again)).transpose()?;
         let made = &drawn.made;
         remark(&setup, made);
         let film_made = radiograph::develop(&film, &setup, made)?;
@@ -169,18 +169,6 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         write_json(path, &record)?;
     }
     if interrupted { Err(anyhow::Error::new(Interrupted)) } else { Ok(()) }
-}
-
-/// Seconds of further images of the same request: on the clock as `complete`, and on all processors together.
-fn repeat(times: u32, mut draw: impl FnMut() -> anyhow::Result<Drawn>) -> anyhow::Result<Value> {
-    let (mut wall, mut cpu) = (vec![], vec![]);
-    for _ in 0..times {
-        let begin = process::cpu_seconds();
-        let drawn = draw()?;
-        cpu.push(process::cpu_seconds().zip(begin).map(|(now, then)| now - then));
-        wall.push(drawn.made.seconds.complete);
-    }
-    Ok(json!({ "complete": wall, "cpu": cpu }))
 }
 
 /// An image, and what is known of its error.

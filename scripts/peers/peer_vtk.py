@@ -25,7 +25,7 @@ def start(export, threads):
 
     vtk.vtkMultiThreader.SetGlobalMaximumNumberOfThreads(threads)
     vtk.vtkSMPTools.Initialize(threads)
-    export.check_axes("the VTK mappers")
+    export.check_axes("the VTK mapper")
     export.check_upright()
     export.check_centred("the VTK camera")
     if abs(export.pitch[0] / export.pitch[1] - 1) > 1e-9:

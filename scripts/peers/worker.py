@@ -42,9 +42,9 @@ class Export:
         self.normal = np.cross(self.column, -self.row)
 
     def check_axes(self, who):
-        """Refuses a grid that is turned against the world, where the peer leaves the direction aside."""
+        """Refuses a grid that is turned against the world, for peers that may leave the direction aside."""
         if not np.allclose(self.direction, np.eye(3), atol=1e-9):
-            raise Refused(f"{who} takes no notice of the grid's direction matrix, and this scan has one")
+            raise Refused(f"{who} is used for grids along the world's axes only, and this one is turned")
 
     def check_upright(self):
         """Refuses a mirrored camera."""

@@ -28,7 +28,8 @@ class Mcvr:
         command += ["--repeats", "1", "--quiet", "--json", "-", "-o", out]
         done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode:
-            raise Refused(done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"exit status {done.returncode}")
+            said = done.stderr.strip().splitlines()
+            raise Refused(said[0] if said else f"exit status {done.returncode}")
         record = json.loads(done.stdout)
         repeats = record["seconds"]["repeats"]
         image = np.load(out).astype(np.float64)

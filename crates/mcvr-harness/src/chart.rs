@@ -31,6 +31,13 @@ pub(crate) const PALETTE: [RGBColor; 7] = [
     RGBColor(31, 35, 40),
 ];
 
+/// Styles from here on are of what is shown for comparison: grey, told apart by their markers, and not joined.
+pub(crate) const OTHERS: usize = 96;
+
+fn color_of(style: usize) -> RGBColor {
+    if style >= OTHERS { MUTED } else { PALETTE[style % PALETTE.len()] }
+}
+
 /// A measured value with the smallest and largest of its replicates.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bar {
@@ -43,7 +50,7 @@ pub(crate) struct Bar {
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Curve {
     pub(crate) label: String,
-    /// Position in the palette, the same in every chart.
+    /// Position in the palette, the same in every chart; from [`OTHERS`] on grey points that no line joins.
     pub(crate) style: usize,
     pub(crate) points: Vec<(Bar, Bar)>,
     /// What a reader sees at each point, one line for each figure; fewer than points, or none, is allowed.
@@ -199,13 +206,15 @@ impl Chart {
             pen.text((field.left + 8.0, y - 6.0), label, 12.5, MUTED, HPos::Left, false)?;
         }
         for curve in &self.curves {
-            let color = PALETTE[curve.style % PALETTE.len()];
+            let color = color_of(curve.style);
             let at = |(x, y): &(Bar, Bar)| (field.x(x.mid), field.y(y.mid));
             for (x, y) in &curve.points {
                 pen.bar((field.x(x.mid), [field.y(y.low), field.y(y.high)]), true, color)?;
                 pen.bar((field.y(y.mid), [field.x(x.low), field.x(x.high)]), false, color)?;
             }
-            pen.line(&curve.points.iter().map(at).collect::<Vec<_>>(), 2.0, color)?;
+            if curve.style < OTHERS {
+                pen.line(&curve.points.iter().map(at).collect::<Vec<_>>(), 2.0, color)?;
+            }
             for point in &curve.points {
                 pen.marker(at(point), curve.style, color)?;
             }
@@ -288,8 +297,10 @@ impl Chart {
             let y = top + 16.0 + 20.0 * i as f64;
             let ends = [(left + 10.0, y), (left + 40.0, y)];
             if let Some(curve) = self.curves.get(i) {
-                let color = PALETTE[curve.style % PALETTE.len()];
-                pen.line(&ends, 2.0, color)?;
+                let color = color_of(curve.style);
+                if curve.style < OTHERS {
+                    pen.line(&ends, 2.0, color)?;
+                }
                 pen.marker((left + 25.0, y), curve.style, color)?;
             } else {
                 pen.dashed(ends[0], ends[1], dashes[(i - self.curves.len()) % dashes.len()], MUTED)?;

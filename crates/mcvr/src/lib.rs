@@ -28,6 +28,7 @@ pub mod bench;
 pub mod claims;
 mod cloud;
 mod cloud_file;
+mod detector;
 mod entrants;
 pub mod hardcases;
 mod make;
@@ -40,6 +41,7 @@ mod scene_file;
 
 pub use cloud::draw_cloud;
 pub use cloud_file::{CloudFileError, is_cloud, read_cloud, write_cloud, write_ply};
+pub use detector::{Detector, DetectorError};
 pub use entrants::{Contestant, Timed};
 pub use make::{Made, MakeError, Request, Scenery, make};
 pub use matrix_file::{MatrixFileError, read_matrix};

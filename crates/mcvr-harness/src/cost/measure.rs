@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 use std::sync::atomic::Ordering;
 
+use super::peers::PeerPoint;
 use super::plots::threads;
 use super::points::{Point, points};
 use super::summary::{self, CostSummary, MethodInfo, SubjectInfo};
@@ -26,6 +27,7 @@ pub struct CostRun {
     methods: Vec<MethodInfo>,
     pictures: Vec<crate::SeriesImage>,
     scale: f64,
+    peers: Vec<PeerPoint>,
 }
 
 impl CostRun {
@@ -52,7 +54,21 @@ impl CostRun {
         let (log, records) = RecordLog::open(&out.join("records.jsonl"))?;
         folder::tidy(out)?;
         folder::claim(out, &options.meta, settings)?;
-        Ok(Self { options, log, records, subjects: Vec::new(), methods: Vec::new(), pictures: Vec::new(), scale: 0.0 })
+        Ok(Self {
+            options,
+            log,
+            records,
+            subjects: Vec::new(),
+            methods: Vec::new(),
+            pictures: Vec::new(),
+            scale: 0.0,
+            peers: Vec::new(),
+        })
+    }
+
+    /// Shows other systems' points beside the methods, on the numbers of threads that are measured here.
+    pub fn show_peers(&mut self, peers: Vec<PeerPoint>) {
+        self.peers = peers;
     }
 
     /// Measures all entrants of one subject: at each rung of the ladders every entrant in turn, repeat by repeat, starting
@@ -126,13 +142,14 @@ impl CostRun {
         let subject = |r: &Record| self.subjects.iter().any(|s| s.dataset == r.dataset && s.size == r.size);
         let method = |r: &Record| self.methods.iter().any(|m| m.name == r.method);
         let records: Vec<Record> = self.records.iter().filter(|r| subject(r) && method(r)).cloned().collect();
-        let summary = CostSummary::of(
+        let mut summary = CostSummary::of(
             &self.options,
             &records,
             self.subjects.clone(),
             self.methods.clone(),
             (self.pictures.clone(), self.scale),
         );
+        summary.peers.clone_from(&self.peers);
         write_csv(&records, &self.options.out.join("records.csv"))?;
         super::output::write_all(&summary)?;
         Ok(summary)

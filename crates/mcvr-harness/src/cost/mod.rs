@@ -10,6 +10,7 @@ mod measure;
 mod model;
 mod models;
 mod output;
+mod peers;
 mod plots;
 mod points;
 mod reach;
@@ -29,6 +30,7 @@ pub(crate) use tables::time_to_error_of;
 
 pub use measure::CostRun;
 pub use model::CostModel;
+pub use peers::{PEERS_RECORD, PeerPoint, read_peers};
 pub use points::Point;
 pub use reach::{By, Crossing, Reach};
 pub use report::cost_lines;

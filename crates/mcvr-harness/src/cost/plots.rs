@@ -1,11 +1,12 @@
 //! Error against time of each volume, and the time to an error against the volume's size.
 
+use super::peers::{self, PeerPoint};
 use super::points::Point;
 use super::reach::By;
 use super::summary::{CostSummary, MethodInfo, SubjectInfo, floor};
 use super::tables::{budget_words, target_words};
 use crate::Spread;
-use crate::chart::{Axis, Bar, Chart, Curve};
+use crate::chart::{Axis, Bar, Chart, Curve, OTHERS};
 use crate::fit::FLOOR_FACTOR;
 use crate::format::{grouped, percent, percent_tick, power_tick, seconds, seconds_tick, with_error};
 
@@ -70,6 +71,7 @@ pub(crate) fn error_vs_time(run: &CostSummary, subject: &SubjectInfo, lane: usiz
                 hover: shown().map(|p| words(method, p)).collect(),
             }
         })
+        .chain(others(run, subject, lane, floor))
         .filter(|c| !c.points.is_empty())
         .collect();
     let all = || curves.iter().flat_map(|c| &c.points);
@@ -89,6 +91,13 @@ pub(crate) fn error_vs_time(run: &CostSummary, subject: &SubjectInfo, lane: usiz
         percent(truth.rel_error_estimate),
         if shown { "" } else { ", which lies below the axis" },
     ));
+    if curves.iter().any(|c| c.style >= OTHERS) {
+        caption.push(
+            "Grey: other systems, measured apart by scripts/peers on this scan, view and size; median time of a view, error against \
+             the same truth."
+                .into(),
+        );
+    }
     let chart = Chart {
         name: "error against time",
         title: format!("What accuracy costs in time: {}", subject.dataset),
@@ -101,6 +110,25 @@ pub(crate) fn error_vs_time(run: &CostSummary, subject: &SubjectInfo, lane: usiz
     };
     let what = format!("Error against time, {}, {}. Lower left is better.", subject.dataset, threads(lane));
     Some(Plot { name: error_vs_time_name(run, subject, lane), drawing: Drawing::Chart(Box::new(chart)), what })
+}
+
+/// Other systems' points, a curve of single points for each.
+fn others(run: &CostSummary, subject: &SubjectInfo, lane: usize, floor: f64) -> Vec<Curve> {
+    let points = run.peers_of(subject, lane);
+    let curve = |(i, (_, points)): (usize, (&str, Vec<&PeerPoint>))| {
+        let shown = || points.iter().filter(|p| p.error > floor);
+        let hover = |p: &&PeerPoint| {
+            let time = crate::report::with_ends(p.seconds);
+            format!("{}\n{}\nerror {}\ntime {time}", peers::name(p), p.setting, percent(p.error))
+        };
+        Curve {
+            label: points.first().map_or(String::new(), |p| peers::name(p)),
+            style: OTHERS + i,
+            points: shown().map(|p| (ends(p.seconds), exact(p.error))).collect(),
+            hover: shown().map(hover).collect(),
+        }
+    };
+    peers::systems(&points).into_iter().enumerate().map(curve).collect()
 }
 
 /// What a reader sees at a point: the words of the tables.

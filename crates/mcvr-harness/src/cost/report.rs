@@ -32,6 +32,7 @@ pub fn cost_lines(run: &CostSummary) -> Vec<String> {
             lines.push(format!("{of}uickest on {} to an error of {}.", threads(lane), quickest.join("; of ")));
         }
         lines.extend(meeting_line(run, subject, lane));
+        lines.extend(super::peers::line(run, subject, lane));
     }
     lines
 }
@@ -137,6 +138,7 @@ pub(crate) fn blocks(run: &CostSummary, plots: &[Plot]) -> Vec<Block> {
             ));
             blocks.push(table);
         }
+        super::peers::blocks(run, subject, &mut blocks);
         views(run, subject, lane, &mut blocks);
         blocks.push(Block::Subheading("Every measured budget".into()));
         blocks.push(Block::Text(format!(

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use super::model::CostModel;
+use super::peers::PeerPoint;
 use super::points::{Point, points};
 use super::reach::{By, Crossing, Ladder, Reach, break_even, crossings};
 use super::{CostMeta, CostOptions, Entrant, VIEWS};
@@ -47,6 +48,8 @@ pub struct CostSummary {
     pub compared: [usize; 2],
     /// Pictures that are kept, with the value that is full red in the difference maps.
     pub pictures: (Vec<SeriesImage>, f64),
+    /// Other systems' points, see [`read_peers`](super::read_peers).
+    pub peers: Vec<PeerPoint>,
     /// The folder of the files.
     #[serde(skip)]
     pub folder: PathBuf,
@@ -221,6 +224,7 @@ impl CostSummary {
             models: Vec::new(),
             compared: compared(records),
             pictures,
+            peers: Vec::new(),
             folder: options.out.clone(),
         };
         summary.reaches = summary.reach_rows();

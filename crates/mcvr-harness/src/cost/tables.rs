@@ -1,5 +1,6 @@
 //! The tables of a cost report.
 
+use super::peers;
 use super::plots::threads;
 use super::points::Point;
 use super::reach::{By, Ladder, Reach, Step};
@@ -50,11 +51,32 @@ fn rows_of<'a>(
 
 /// Time of one image to each error.
 pub(crate) fn time_to_error(run: &CostSummary, subject: &SubjectInfo, lane: usize) -> Block {
+    let points = run.peers_of(subject, lane);
+    let floor = subject.truth.as_ref().map_or(0.0, |t| floor(t.rel_error_estimate));
+    let least = |target| peers::quickest(&points, target, floor).map(|p| p.seconds.median);
     let row = |m: &MethodInfo| {
-        let cells = rows_of(run, subject, lane, &m.name).map(|row| cell(row.reach, row.fastest[0]));
+        let cells = rows_of(run, subject, lane, &m.name).map(|row| {
+            let before = |r: Reach| least(row.target).is_none_or(|peer| r.total(1, 1) <= peer);
+            cell(row.reach, row.fastest[0] && row.reach.is_some_and(before))
+        });
         std::iter::once(m.label.clone()).chain(cells).collect()
     };
-    times(&run.targets, run.methods.iter().map(row).collect())
+    let mut rows: Vec<Vec<String>> = run.methods.iter().map(row).collect();
+    let mine = |target: f64| {
+        let here =
+            |r: &&ReachRow| r.dataset == subject.dataset && r.threads == lane && r.target == target && r.fastest[0];
+        run.reaches.iter().find(here).and_then(|r| r.totals).map_or(f64::INFINITY, |t| t[0])
+    };
+    for (_, points) in peers::systems(&points) {
+        let cells = run.targets.iter().map(|&target| {
+            let Some(point) = peers::quickest(&points, target, floor) else { return dash() };
+            let time = point.seconds.median;
+            let first = time < mine(target) && least(target) == Some(time);
+            if first { format!("{} {FASTEST}", seconds(time)) } else { seconds(time) }
+        });
+        rows.push(points.first().map(|p| peers::name(p)).into_iter().chain(cells).collect());
+    }
+    times(&run.targets, rows)
 }
 
 /// The same for the methods of a convergence run.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context, bail};
-use mcvr::harness::cost::{CostMeta, CostOptions, CostRun, Entrant, Subject, cost_lines};
+use mcvr::harness::cost::{CostMeta, CostOptions, CostRun, Entrant, Subject, cost_lines, read_peers};
 use mcvr::harness::{self, RunWatch, Truth};
 use mcvr::sampling::check_samples;
 use mcvr::scene::{Camera, Density, Extent};
@@ -15,6 +15,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use super::args::{BudgetArgs, DensityArgs, MethodArgs, ToneArgs, ViewArgs, VolumeArgs};
 use super::converge::{command, scene_words, truth_size};
 use super::effect_args::EffectArgs;
+use super::export::subject;
 use super::setup::{Setup, setup};
 use super::truth::{dataset, truth};
 use super::{Interrupted, numbers, outputs, process, progress};
@@ -22,6 +23,7 @@ use super::{Interrupted, numbers, outputs, process, progress};
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  \
     mcvr cost lobster.mha --view 30,60 -o cost\n  \
+    mcvr cost lobster.mha --view 30,60 --peers peers.jsonl -o cost       with RTK, plastimatch and VTK beside (scripts/peers)\n  \
     mcvr cost phantom:lobster --sizes 64,128,256,512 --methods mc,qmc,march --repeats 3 -o sizes\n\n\
     The report is OUT/report.html (and report.md): time to each error with the quickest marked, on one thread and on all;\n\
     totals for many views; where methods overtake each other; a model of the time. With --sizes also a map of the quickest\n\
@@ -68,6 +70,9 @@ pub struct Args {
     /// Errors to reach, in percent of the mean pixel
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "30,10,3,1,0.3", help_heading = "Method")]
     targets: Vec<f64>,
+    /// Show other systems beside the methods: a record that scripts/peers/compare.py measured on the same scan, view and size
+    #[arg(long, value_name = "FILE", conflicts_with = "sizes")]
+    peers: Option<PathBuf>,
     #[command(flatten)]
     method: MethodArgs,
     #[command(flatten)]
@@ -112,10 +117,13 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         let volume = VolumeArgs { input: Some(input.clone()), ..args.volume.clone() };
         let setup = subject_setup(args, if args.sizes.is_empty() { &args.volume } else { &volume })?;
         let density = Density::new(&setup.scenery.volume, setup.scenery.map.clone())?;
+        // Read before the folder is claimed: a record of something else stops the run at once.
+        let peers = args.peers.as_ref().map(|path| read_peers(path, &subject(&setup, density.mass()))).transpose()?;
         let cost = match &mut run {
             Some(run) => run,
             None => run.insert(CostRun::open(options(args, &setup, &density, &lanes)?)?),
         };
+        cost.show_peers(peers.unwrap_or_default());
         for note in setup.notes.iter().filter(|_| !quiet) {
             say!("mcvr: note: {note}");
         }

@@ -18,6 +18,7 @@ mod compare;
 mod converge;
 mod cost;
 mod effect_args;
+mod export;
 mod hardcases;
 mod history;
 mod info;
@@ -95,6 +96,8 @@ enum Command {
     Cost(Box<cost::Args>),
     /// Compare two images: errors, bias, a signed difference image
     Compare(compare::Args),
+    /// Write a scan, a camera and the truth for other programs
+    Export(Box<export::Args>),
     /// Describe a volume file
     Info(info::Args),
     /// Pose the hard cases: where such programs break, measured beside its bound
@@ -141,6 +144,7 @@ pub fn run() -> ExitCode {
         Some(Command::Converge(args)) => converge::run(&args, cli.quiet),
         Some(Command::Cost(args)) => cost::run(&args, cli.quiet),
         Some(Command::Compare(args)) => compare::run(&args),
+        Some(Command::Export(args)) => export::run(&args, cli.quiet),
         Some(Command::Info(args)) => info::run(&args),
         Some(Command::Hardcases(args)) => hardcases::run(&args, cli.quiet),
         Some(Command::Claims(args)) => claims::run(&args, cli.quiet),

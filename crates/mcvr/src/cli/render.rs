@@ -4,6 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use anyhow::bail;
 use mcvr::refinement::{Bars, Stop};
 use mcvr::scene::film::{self, ErrorBars, ImageFormat};
 use mcvr::scene::{Extent, Transfer, Watch};
@@ -40,6 +41,10 @@ pub struct Args {
     /// Write what was done, with geometry, times and counters, as JSON; - for standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Make the image N more times and put the seconds of each into the JSON record: what an image takes once the program
+    /// is warm
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), requires = "json")]
+    repeats: Option<u32>,
     #[command(flatten)]
     error: ErrorArgs,
     /// Write the standard error of every pixel, its confidence interval and the unresolved pixels: .npy (4, height, width),
@@ -54,6 +59,9 @@ pub struct Args {
 
 pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     let start = Instant::now();
+    if args.repeats.is_some() && args.watch.any() {
+        bail!("--repeats times one image, which cannot be watched as it refines; give one of the two");
+    }
     // Everything that can be wrong with the outputs is found before the work.
     let format = |p: &PathBuf| ImageFormat::of(p, args.tone.deep);
     let formats: Vec<ImageFormat> = args.outputs.iter().map(format).collect::<Result<_, _>>()?;
@@ -97,6 +105,8 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         setup.scenery.camera = view.camera.clone();
         setup.view.clone_from(&view.words);
         let drawn = draw(args, &setup, refinement.as_ref(), view, one, &formats, quiet)?;
+        let again = || Ok(draw(args, &setup, refinement.as_ref(), view, one, &formats, true)?.made.seconds.complete);
+        let repeats = args.repeats.map(|n| process::repeated(n, again)).transpose()?;
         let made = &drawn.made;
         remark(&setup, made);
         let film_made = radiograph::develop(&film, &setup, made)?;
@@ -124,6 +134,9 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         }
         let seconds = [writing.elapsed().as_secs_f64(), begin.elapsed().as_secs_f64()];
         let mut record = record(&setup, made, &outputs, seconds);
+        if let Some(repeats) = repeats {
+            record["seconds"]["repeats"] = repeats;
+        }
         if let Some((refinement, error)) = refinement.as_ref().zip(drawn.error.as_ref()) {
             record["error"] = refined::record(refinement, error);
             record["error"]["maps"] = json!(outputs::names(&maps));

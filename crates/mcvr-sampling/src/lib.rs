@@ -29,6 +29,7 @@ mod running;
 mod simd;
 mod stored;
 mod stream;
+mod totals;
 mod units;
 
 pub use cloud::{Cloud, ProjectOptions, Provenance, project_cloud, sample};

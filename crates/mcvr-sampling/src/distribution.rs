@@ -79,7 +79,7 @@ impl<'a> Distribution<'a> {
     fn of(density: &'a Density, order: VoxelOrder, frustum: Option<&Frustum>) -> Result<Self, SamplingError> {
         let volume = density.volume();
         let layout = AnyLayout::new(order, volume.grid().dims())?;
-        let weights = UnitWeights::of(density);
+        let weights = UnitWeights::fastest(density);
         let (mut before, tally) = with_layout!(&layout, l => with_voxels!(volume.voxels(), v =>
             with_units!(&weights, density, u => brick_totals(l, &v[..], u, frustum))))?;
         let bricks = before.len() as u64;

@@ -31,6 +31,7 @@ mod stored;
 mod stream;
 mod totals;
 mod units;
+mod unpack;
 
 pub use cloud::{Cloud, ProjectOptions, Provenance, project_cloud, sample};
 pub use distribution::{Distribution, DistributionCounters};

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::hilbert::{Hilbert, unpack};
 use crate::simd::vectorised;
 use crate::units::{Units, Word};
+use crate::unpack::{Turned, prefetch, running};
 use crate::{SamplingError, SimdLevel, totals};
 
 /// Voxels per brick.
@@ -75,6 +76,23 @@ pub(crate) trait Layout: Sync {
     /// Writes the brick's inclusive running sums of integer weights (the rest of the array is filled with the
     /// brick's total) and returns how many voxels were read.
     fn sums<T: Voxel, U: Units<T>>(&self, brick: usize, voxels: &[T], units: U, sums: &mut [U::Word; BRICK]) -> usize;
+
+    /// As [`Layout::sums`], for bricks in rising order of which many are wanted.
+    #[inline]
+    fn unpack<T: Voxel, U: Units<T>>(
+        &self,
+        brick: usize,
+        voxels: &[T],
+        units: U,
+        _: &mut Turned<T>,
+        sums: &mut [U::Word; BRICK],
+    ) -> usize {
+        self.sums(brick, voxels, units, sums)
+    }
+
+    /// Says that a brick's voxels will soon be wanted.
+    #[inline(always)]
+    fn prefetch<T: Voxel>(&self, _: usize, _: &[T]) {}
 
     /// Voxels in a brick.
     fn voxels(&self, brick: usize) -> usize;
@@ -161,10 +179,8 @@ impl Layout for Nested {
         let count = BRICK.min(self.len() - first);
         let mut sum = U::Word::default();
         if self.axes[0] == 0 {
-            for (s, &v) in sums.iter_mut().zip(&voxels[first..first + count]) {
-                sum = sum.plus(units.units(v));
-                *s = sum;
-            }
+            running::<T, U>(SimdLevel::detect(), &voxels[first..first + count], units, sums);
+            return count;
         } else {
             let ([n0, n1, _], [s0, s1, s2]) = (self.extents(), self.strides());
             let (mut i0, rest) = (first % n0, first / n0);
@@ -191,6 +207,31 @@ impl Layout for Nested {
         }
         sums[count..].fill(sum);
         count
+    }
+
+    #[inline]
+    fn unpack<T: Voxel, U: Units<T>>(
+        &self,
+        brick: usize,
+        voxels: &[T],
+        units: U,
+        turned: &mut Turned<T>,
+        sums: &mut [U::Word; BRICK],
+    ) -> usize {
+        if self.axes[0] != 0
+            && let Some(lines) = turned.brick(self, brick, voxels)
+        {
+            running::<T, U>(SimdLevel::detect(), lines, units, sums);
+            return lines.len();
+        }
+        self.sums(brick, voxels, units, sums)
+    }
+
+    #[inline(always)]
+    fn prefetch<T: Voxel>(&self, brick: usize, voxels: &[T]) {
+        if self.axes[0] == 0 {
+            prefetch(&voxels[brick * BRICK..((brick + 1) * BRICK).min(voxels.len())]);
+        }
     }
 
     fn voxels(&self, brick: usize) -> usize {

@@ -1,10 +1,38 @@
 //! Sums over the voxels, before the negative policy: by the cheapest way that gives the same numbers.
 
+use mcvr_volume::{Volume, Voxel};
+
+/// Compiles a function for AVX2 as well, which runs where the processor has it; `name::portable` is the other one. No step is
+/// fused or reordered: both give the same bits.
+macro_rules! avx2 {
+    (fn $name:ident [$($declared:tt)*] [$($used:tt)*] ($($arg:ident: $ty:ty),*) -> $r:ty $body:block) => {
+        mod $name {
+            use super::*;
+
+            #[inline(always)]
+            pub(super) fn portable<$($declared)*>($($arg: $ty),*) -> $r $body
+
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx2,popcnt")]
+            pub(super) fn avx2<$($declared)*>($($arg: $ty),*) -> $r {
+                portable::<$($used)*>($($arg),*)
+            }
+        }
+
+        fn $name<$($declared)*>($($arg: $ty),*) -> $r {
+            #[cfg(target_arch = "x86_64")]
+            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("popcnt") {
+                // SAFETY: the processor has just been asked.
+                return unsafe { $name::avx2::<$($used)*>($($arg),*) };
+            }
+            $name::portable::<$($used)*>($($arg),*)
+        }
+    };
+}
+
 mod histogram;
 mod ramp;
 mod wide;
-
-use mcvr_volume::{Volume, Voxel};
 
 use super::{DensityMap, Transfer};
 

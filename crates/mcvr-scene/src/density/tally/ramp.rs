@@ -10,7 +10,7 @@ use super::Tally;
 const CHUNK: usize = 1 << 20;
 
 /// Sums in units of the step: of `ordinal - zero` where it is positive, of `zero - ordinal` elsewhere.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 struct Sums {
     positive: u64,
     negative: u64,
@@ -70,66 +70,57 @@ pub(super) fn tally<T: Voxel>(voxels: &[T], table: &[f64]) -> Option<Tally> {
     })
 }
 
-/// Sums of one chunk of 8- or 16-bit voxels, 32 side by side. `flip` turns stored bits into ordinals; without `NEGATIVE` the zero
-/// is the smallest ordinal.
+/// Sums of one chunk of 8- or 16-bit voxels. `flip` turns stored bits into ordinals; without `NEGATIVE` the zero is the smallest
+/// ordinal. A part that stays in the first cache is gone through once for each figure: simple loops become vector code.
 macro_rules! sums {
-    ($name:ident, $t:ty, $lane:ty, $rounds:literal) => {
-        fn $name<const NEGATIVE: bool>(voxels: &[$t], flip: $t, zero: $t) -> Sums {
-            const LANES: usize = 32;
-            let mut sums = Sums::NONE;
-            let mut largest = [0 as $t; LANES];
-            // Less `zero + 1`, so that all that is not above it wraps round to the largest numbers.
-            let mut smallest = [<$t>::MAX; LANES];
-            let least = zero.wrapping_add(1);
-            // So few rounds that the narrow sums and counts of a lane cannot overflow.
-            for part in voxels.chunks(LANES * $rounds) {
-                let (mut positive, mut negative) = ([0 as $lane; LANES], [0 as $lane; LANES]);
-                let (mut above, mut below) = ([0 as $t; LANES], [0 as $t; LANES]);
-                let mut rows = part.chunks_exact(LANES);
-                for row in &mut rows {
-                    for i in 0..LANES {
-                        let v = row[i] ^ flip;
-                        let over = if NEGATIVE { v.saturating_sub(zero) } else { v };
-                        positive[i] += over as $lane;
-                        above[i] += (over != 0) as $t;
-                        largest[i] = largest[i].max(v);
-                        smallest[i] = smallest[i].min(v.wrapping_sub(least));
-                        if NEGATIVE {
-                            let under = zero.saturating_sub(v);
-                            negative[i] += under as $lane;
-                            below[i] += (under != 0) as $t;
+    ($name:ident, $t:ty, $part:literal) => {
+        avx2! {
+            fn $name [const NEGATIVE: bool] [NEGATIVE] (voxels: &[$t], flip: $t, zero: $t) -> Sums {
+                let mut sums = Sums::NONE;
+                let mut largest = 0;
+                // Less `zero + 1`, so that all that is not above it wraps round to the largest numbers.
+                let mut smallest = <$t>::MAX;
+                let least = zero.wrapping_add(1);
+                // So short that sums of 32 bits cannot overflow.
+                for part in voxels.chunks($part) {
+                    let (mut positive, mut above) = (0u32, 0u32);
+                    for v in part {
+                        positive += u32::from((*v ^ flip).saturating_sub(zero));
+                    }
+                    for v in part {
+                        above += u32::from((*v ^ flip) > zero);
+                    }
+                    for v in part {
+                        largest = largest.max(*v ^ flip);
+                    }
+                    for v in part {
+                        smallest = smallest.min((*v ^ flip).wrapping_sub(least));
+                    }
+                    sums.positive += u64::from(positive);
+                    sums.above += u64::from(above);
+                    if NEGATIVE {
+                        let (mut negative, mut below) = (0u32, 0u32);
+                        for v in part {
+                            negative += u32::from(zero.saturating_sub(*v ^ flip));
                         }
+                        for v in part {
+                            below += u32::from((*v ^ flip) < zero);
+                        }
+                        sums.negative += u64::from(negative);
+                        sums.below += u64::from(below);
                     }
                 }
-                for v in rows.remainder() {
-                    let v = v ^ flip;
-                    let (over, under) = (v.saturating_sub(zero), zero.saturating_sub(v));
-                    sums.positive += u64::from(over);
-                    sums.negative += u64::from(under);
-                    sums.above += u64::from(over != 0);
-                    sums.below += u64::from(under != 0);
-                    largest[0] = largest[0].max(v);
-                    smallest[0] = smallest[0].min(v.wrapping_sub(least));
-                }
-                for i in 0..LANES {
-                    sums.positive += u64::from(positive[i]);
-                    sums.negative += u64::from(negative[i]);
-                    sums.above += u64::from(above[i]);
-                    sums.below += u64::from(below[i]);
-                }
-            }
-            for i in 0..LANES {
-                sums.largest = sums.largest.max(u64::from(largest[i]));
+                sums.largest = u64::from(largest);
                 // Used only where some voxel is above the zero, and then it is one.
-                sums.smallest = sums.smallest.min(u64::from(smallest[i]) + u64::from(zero) + 1);
+                sums.smallest = u64::from(smallest) + u64::from(zero) + 1;
+                sums
             }
-            sums
         }
     };
 }
 
-sums!(bytes, u8, u16, 255);
-sums!(words, u16, u32, 1024);
+sums!(bytes, u8, 8192);
+sums!(words, u16, 4096);
 
 #[cfg(test)]
 mod tests {
@@ -167,6 +158,11 @@ mod tests {
             agree(vec![u16::MAX; n], 1.0, 0.0, true);
             agree(vec![i16::MIN; n], 1.0, 0.0, true);
         }
+        let noise: Vec<u8> = (0..100_000u32).map(|i| (i.wrapping_mul(0x9e37_79b9) >> 24) as u8).collect();
+        let (fast, plain) = (bytes::<true>(&noise, 0x80, 9), bytes::portable::<true>(&noise, 0x80, 9));
+        assert_eq!(fast, plain);
+        let noise: Vec<u16> = (0..100_000u32).map(|i| (i.wrapping_mul(0x9e37_79b9) >> 16) as u16).collect();
+        assert_eq!(words::<true>(&noise, 0x8000, 900), words::portable::<true>(&noise, 0x8000, 900));
         // Weights that 53 digits hold one by one, but not their sums.
         agree(vec![65535u16; 9000], 1.0 + 2f64.powi(-36), 0.0, false);
     }

@@ -3,7 +3,7 @@
 use mcvr_volume::Voxel;
 use rayon::prelude::*;
 
-use super::Tally;
+use super::{Tally, smaller};
 
 /// Voxels that are summed one after the other: sums do not depend on the number of threads.
 const CHUNK: usize = 1 << 16;
@@ -35,8 +35,9 @@ fn one<T: Voxel>(chunk: &[T], weight: &impl Fn(f64) -> f64) -> Tally {
     tally
 }
 
-/// Several chunks at once, each with the same sums as [`one`] gives.
-fn lanes<T: Voxel>(group: &[T], weight: &impl Fn(f64) -> f64) -> [Tally; LANES] {
+// Several chunks at once, each with the same sums as `one` gives.
+avx2! {
+    fn lanes [T: Voxel, W: Fn(f64) -> f64] [T, W] (group: &[T], weight: &W) -> [Tally; LANES] {
     let mut tallies = [Tally::default(); LANES];
     let mut sums = [0.0; LANES];
     let mut kept = [[0.0; STEP]; LANES];
@@ -59,7 +60,7 @@ fn lanes<T: Voxel>(group: &[T], weight: &impl Fn(f64) -> f64) -> [Tally; LANES] 
             let tally = &mut tallies[lane];
             tally.positive += positive;
             tally.max = tally.max.max(max);
-            tally.min = super::smaller(tally.min, if positive > 0 { min } else { 0.0 });
+            tally.min = smaller(tally.min, if positive > 0 { min } else { 0.0 });
             if others > 0 {
                 for v in stored {
                     let w = weight(v.to_f64());
@@ -81,6 +82,7 @@ fn lanes<T: Voxel>(group: &[T], weight: &impl Fn(f64) -> f64) -> [Tally; LANES] 
         tally.sum = sum;
     }
     tallies
+}
 }
 
 fn pairwise(tallies: &[Tally]) -> Tally {
@@ -111,6 +113,7 @@ mod tests {
             let weight = |s: f64| 1.7 * s - 0.2;
             let expected: Vec<Tally> = voxels.chunks(CHUNK).map(|c| one(c, &weight)).collect();
             assert_eq!(lanes(&voxels, &weight).to_vec(), expected);
+            assert_eq!(lanes::portable(&voxels, &weight).to_vec(), expected);
         }
     }
 }

@@ -83,7 +83,7 @@ impl<L: Layout, T: Voxel, U: Units<T>> Locator<'_, L, T, U> {
         // The brick of the target at `first`: it is looked for early, so that its voxels are on their way.
         let mut next = brick_of(self.before, 0, *least);
         let bricks = brick_of(self.before, next, *most) - next + 1;
-        let mut turned = Turned::new(targets.len(), bricks);
+        let mut turned = Turned::new(targets.len(), next, bricks);
         while first < targets.len() {
             let brick = next;
             let limit = self.before[brick + 1];

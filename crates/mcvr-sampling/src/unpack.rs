@@ -19,57 +19,58 @@ pub(crate) struct Turned<T> {
     voxels: Vec<T>,
     /// The first voxel's place in the order.
     start: usize,
-    wanted: bool,
+    /// Bricks that may be wanted, from the first to this one; 0 where none is worth turning.
+    bricks: usize,
 }
 
 impl<T: Voxel> Turned<T> {
-    /// Lines that are turned together: about two cache lines of each row, and more of short lines, so that few bricks are shared
-    /// by two groups.
-    fn lines(nested: &Nested) -> usize {
-        let lines = if size_of::<T>() < 2 { 64 } else { 128 / size_of::<T>() };
-        lines.max((8 * BRICK / nested.extents()[0]).next_multiple_of(lines))
+    /// Bytes that are turned together at most: what a core's second cache holds.
+    const MOST: usize = 1 << 21;
+
+    /// Lines that begin at a multiple of this begin a cache line in most volumes.
+    fn align() -> usize {
+        (64 / size_of::<T>()).max(8)
     }
 
-    /// For so many samples spread over so many bricks.
-    pub(crate) fn new(samples: usize, bricks: usize) -> Self {
-        Self { voxels: Vec::new(), start: 0, wanted: bricks / SPARSE < samples && samples > 1 }
+    /// For so many samples in bricks up to `first + bricks`, in rising order.
+    pub(crate) fn new(samples: usize, first: usize, bricks: usize) -> Self {
+        let wanted = bricks / SPARSE < samples && samples > 1;
+        Self { voxels: Vec::new(), start: 0, bricks: if wanted { first + bricks } else { 0 } }
     }
 
     /// For single bricks: turns nothing.
     pub(crate) fn off() -> Self {
-        Self { voxels: Vec::new(), start: 0, wanted: false }
+        Self { voxels: Vec::new(), start: 0, bricks: 0 }
     }
 
     /// The voxels of a brick, in order, where they can be had so.
     #[inline]
     pub(crate) fn brick(&mut self, nested: &Nested, brick: usize, voxels: &[T]) -> Option<&[T]> {
-        let from = brick * BRICK;
-        let to = (from + BRICK).min(voxels.len());
-        if !self.wanted {
+        if brick >= self.bricks {
             return None;
         }
+        let from = brick * BRICK;
+        let to = (from + BRICK).min(voxels.len());
         if from < self.start || to > self.start + self.voxels.len() {
-            let lines = Self::lines(nested);
-            let (n0, s1) = (nested.extents()[0], nested.strides()[1]);
-            let first = from / n0 / lines * lines;
-            // A brick that two groups of lines share is read voxel by voxel, and so is one that leaves the plane.
-            let there = !self.voxels.is_empty() && self.start == first * n0;
-            if s1 != 1 || there || to > (first + lines) * n0 || n0 * lines * size_of::<T>() > 1 << 20 {
+            // As many lines as will be wanted and can be held, but no more than lie side by side.
+            let ([n0, n1, n2], [_, s1, s2]) = (nested.extents(), nested.strides());
+            let first = from / n0 / Self::align() * Self::align();
+            let side_by_side = if s2 == n1 * s1 { n1 * n2 - first } else { n1 - first % n1 };
+            let wanted = (self.bricks * BRICK).min(voxels.len()).div_ceil(n0) - first;
+            let held = Self::MOST / size_of::<T>() / n0 / Self::align() * Self::align();
+            let lines = wanted.min(held).min(side_by_side);
+            // A brick that leaves the plane is read voxel by voxel.
+            if s1 != 1 || to > (first + lines) * n0 {
                 return None;
             }
-            self.turn(nested, first, voxels);
-            if to > self.start + self.voxels.len() {
-                return None;
-            }
+            self.turn(nested, first, lines, voxels);
         }
         self.voxels.get(from - self.start..to - self.start)
     }
 
-    /// Copies the lines from `first` on, up to the end of the plane.
-    fn turn(&mut self, nested: &Nested, first: usize, voxels: &[T]) {
-        let ([n0, n1, n2], [s0, s1, s2]) = (nested.extents(), nested.strides());
-        let side_by_side = if s2 == n1 * s1 { n1 * n2 - first } else { n1 - first % n1 };
-        let lines = side_by_side.min(Self::lines(nested));
+    /// Copies so many lines from `first` on.
+    fn turn(&mut self, nested: &Nested, first: usize, lines: usize, voxels: &[T]) {
+        let ([n0, n1, _], [s0, s1, s2]) = (nested.extents(), nested.strides());
         let origin = first % n1 * s1 + first / n1 * s2;
         self.start = first * n0;
         self.voxels.resize(lines * n0, T::zeroed());
@@ -226,7 +227,7 @@ mod tests {
         let units = TableUnits(&table[..]);
         for axis in 0..3 {
             let nested = Nested::new(dims, axis).unwrap();
-            let mut turned = Turned::new(usize::MAX, 0);
+            let mut turned = Turned::new(usize::MAX, 0, nested.bricks());
             let mut used = 0;
             for brick in 0..nested.bricks() {
                 let (mut expected, mut got) = ([0u32; BRICK], [9u32; BRICK]);

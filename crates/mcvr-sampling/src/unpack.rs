@@ -192,11 +192,9 @@ fn running_body<T: Voxel, U: Units<T>>(voxels: &[T], units: U, sums: &mut [U::Wo
 #[inline(always)]
 fn scan<W: Word, const STEP: usize>(row: &mut [W; ROW]) {
     let mut moved = [W::default(); ROW];
-    for i in STEP..ROW {
-        moved[i] = row[i - STEP];
-    }
-    for i in 0..ROW {
-        row[i] = row[i].plus(moved[i]);
+    moved[STEP..].copy_from_slice(&row[..ROW - STEP]);
+    for (sum, moved) in row.iter_mut().zip(moved) {
+        *sum = sum.plus(moved);
     }
 }
 

@@ -51,7 +51,7 @@ avx2! {
                 let usable = (plain > 0.0) & (plain < f64::INFINITY);
                 positive += u64::from(usable);
                 // Negative, infinite or no number.
-                others += u64::from(!((plain >= 0.0) & (plain < f64::INFINITY)));
+                others += u64::from(!(0.0..f64::INFINITY).contains(&plain));
                 *w = if usable { plain } else { 0.0 };
                 max = if *w > max { *w } else { max };
                 let candidate = if usable { plain } else { f64::INFINITY };
@@ -73,9 +73,9 @@ avx2! {
         }
         // Adding 0 changes no sum.
         for i in 0..STEP {
-            for lane in 0..LANES {
-                sums[lane] += kept[lane][i];
-            }
+            for (sum, kept) in sums.iter_mut().zip(&kept) {
+                    *sum += kept[i];
+                }
         }
     }
     for (tally, sum) in tallies.iter_mut().zip(sums) {

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::frustum::{Frustum, Sight};
 use crate::order::{AnyLayout, BRICK, Layout, with_layout};
-use crate::units::{UnitWeights, Word, with_units};
+use crate::units::{UnitWeights, Units, Word, with_units};
 use crate::{SamplingError, VoxelOrder};
 
 /// Exact counts of the work done to build a [`Distribution`].
@@ -79,7 +79,7 @@ impl<'a> Distribution<'a> {
     fn of(density: &'a Density, order: VoxelOrder, frustum: Option<&Frustum>) -> Result<Self, SamplingError> {
         let volume = density.volume();
         let layout = AnyLayout::new(order, volume.grid().dims())?;
-        let weights = UnitWeights::of(density);
+        let weights = UnitWeights::fastest(density);
         let (mut before, tally) = with_layout!(&layout, l => with_voxels!(volume.voxels(), v =>
             with_units!(&weights, density, u => brick_totals(l, &v[..], u, frustum))))?;
         let bricks = before.len() as u64;
@@ -218,7 +218,7 @@ struct BrickTally {
 }
 
 /// Total of each brick that can be seen, 0 of the others.
-fn brick_totals<T: mcvr_volume::Voxel, U: crate::units::Units<T>>(
+fn brick_totals<T: mcvr_volume::Voxel, U: Units<T>>(
     layout: &impl Layout,
     voxels: &[T],
     units: U,
@@ -231,31 +231,21 @@ fn brick_totals<T: mcvr_volume::Voxel, U: crate::units::Units<T>>(
         problem: format!("{} sums of bricks take 8 bytes each, which are not to be had", layout.bricks()),
     })?;
     totals.resize(layout.bricks(), 0u64);
+    // Fewer at once where there would not be work for every thread.
+    let share = layout.bricks().div_ceil(4 * rayon::current_num_threads());
+    let at_once = layout.bricks_at_once().min(share.next_multiple_of(256));
     let tally = totals
-        .par_chunks_mut(256)
+        .par_chunks_mut(at_once)
         .enumerate()
         .map(|(chunk, totals)| {
-            let mut sums = [U::Word::default(); BRICK];
-            let mut tally = BrickTally::default();
-            for (i, total) in totals.iter_mut().enumerate() {
-                let brick = chunk * 256 + i;
-                let sight = frustum.map_or(Sight::Seen, |f| {
-                    let (low, high) = layout.bounds(brick);
-                    f.see(low, high)
-                });
-                if sight == Sight::Beside {
-                    tally.beside += 1;
-                    continue;
+            let first = chunk * at_once;
+            let sights = frustum.map(|f| sights(layout, f, first, totals.len()));
+            match sights.filter(|s| s.iter().any(|sight| *sight != Sight::Seen)) {
+                None => {
+                    BrickTally { read: layout.totals(first, voxels, units, totals) as u64, ..BrickTally::default() }
                 }
-                tally.read += layout.sums(brick, voxels, units, &mut sums) as u64;
-                if sight == Sight::Near {
-                    tally.near += 1;
-                    tally.near_units += sums[BRICK - 1].to_u64();
-                } else {
-                    *total = sums[BRICK - 1].to_u64();
-                }
+                Some(sights) => seen_totals(layout, voxels, units, first, &sights, totals),
             }
-            tally
         })
         .reduce(BrickTally::default, |a, b| BrickTally {
             read: a.read + b.read,
@@ -264,6 +254,43 @@ fn brick_totals<T: mcvr_volume::Voxel, U: crate::units::Units<T>>(
             near_units: a.near_units + b.near_units,
         });
     Ok((totals, tally))
+}
+
+/// What the camera sees of the bricks from `first` on.
+fn sights(layout: &impl Layout, frustum: &Frustum, first: usize, count: usize) -> Vec<Sight> {
+    let of = |brick| {
+        let (low, high) = layout.bounds(brick);
+        frustum.see(low, high)
+    };
+    (first..first + count).map(of).collect()
+}
+
+/// Totals of the bricks from `first` on where not all are seen.
+fn seen_totals<T: mcvr_volume::Voxel, U: Units<T>>(
+    layout: &impl Layout,
+    voxels: &[T],
+    units: U,
+    first: usize,
+    sights: &[Sight],
+    totals: &mut [u64],
+) -> BrickTally {
+    let mut sums = [U::Word::default(); BRICK];
+    let mut tally = BrickTally::default();
+    for ((i, total), sight) in totals.iter_mut().enumerate().zip(sights) {
+        if *sight == Sight::Beside {
+            tally.beside += 1;
+            continue;
+        }
+        tally.read += layout.sums(first + i, voxels, units, &mut sums) as u64;
+        let sum = sums[BRICK - 1].to_u64();
+        if *sight == Sight::Near {
+            tally.near += 1;
+            tally.near_units += sum;
+        } else {
+            *total = sum;
+        }
+    }
+    tally
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ use crate::engine::Counters;
 use crate::locate::{BrickSums, find_all};
 use crate::order::{Layout, with_layout};
 use crate::units::{Units, Word, with_units};
+use crate::unpack::Turned;
 use crate::{Distribution, Search, SimdLevel};
 
 /// Voxel coordinates of a block's targets.
@@ -46,8 +47,8 @@ impl<L: Layout, T: Voxel, U: Units<T>> Locate for Locator<'_, L, T, U> {
 
 impl<L: Layout, T: Voxel, U: Units<T>> Locator<'_, L, T, U> {
     #[inline(always)]
-    fn decode(&self, brick: usize, sums: &mut BrickSums<U::Word>, counters: &mut Counters) {
-        counters.voxels_read += self.layout.sums(brick, self.voxels, self.units, &mut sums.sums) as u64;
+    fn decode(&self, brick: usize, turned: &mut Turned<T>, sums: &mut BrickSums<U::Word>, counters: &mut Counters) {
+        counters.voxels_read += self.layout.unpack(brick, self.voxels, self.units, turned, &mut sums.sums) as u64;
         counters.bricks_decoded += 1;
         sums.index();
     }
@@ -77,16 +78,24 @@ impl<L: Layout, T: Voxel, U: Units<T>> Locator<'_, L, T, U> {
     fn walk(&self, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) {
         let mut sums = BrickSums::new();
         let mut positions = [0u32; crate::BLOCK];
-        let mut brick = 0;
         let mut first = 0;
+        let [Some(least), Some(most)] = [targets.first(), targets.last()] else { return };
+        // The brick of the target at `first`: it is looked for early, so that its voxels are on their way.
+        let mut next = brick_of(self.before, 0, *least);
+        let bricks = brick_of(self.before, next, *most) - next + 1;
+        let mut turned = Turned::new(targets.len(), next, bricks);
         while first < targets.len() {
-            brick = brick_of(self.before, brick, targets[first]);
+            let brick = next;
             let limit = self.before[brick + 1];
             let mut end = first + 1;
             while end < targets.len() && targets[end] < limit {
                 end += 1;
             }
-            self.decode(brick, &mut sums, counters);
+            if end < targets.len() {
+                next = brick_of(self.before, brick, targets[end]);
+                self.layout.prefetch(next, self.voxels);
+            }
+            self.decode(brick, &mut turned, &mut sums, counters);
             self.place(brick, &sums, &targets[first..end], first, &mut positions[first..end], places);
             first = end;
         }
@@ -97,7 +106,7 @@ impl<L: Layout, T: Voxel, U: Units<T>> Locator<'_, L, T, U> {
         let mut sums = BrickSums::new();
         for (i, target) in targets.iter().enumerate() {
             let brick = self.before.partition_point(|b| b <= target) - 1;
-            self.decode(brick, &mut sums, counters);
+            self.decode(brick, &mut Turned::off(), &mut sums, counters);
             self.place(brick, &sums, std::slice::from_ref(target), i, &mut [0], places);
         }
     }
@@ -113,7 +122,7 @@ impl<L: Layout, T: Voxel, U: Units<T>> Locator<'_, L, T, U> {
                 while self.culled && self.before[brick + 1] == self.before[brick] {
                     brick += 1;
                 }
-                self.decode(brick, &mut sums, counters);
+                self.decode(brick, &mut Turned::off(), &mut sums, counters);
                 sum += sums.sums[sums.sums.len() - 1].to_u64();
                 if *target < sum {
                     break;

@@ -29,7 +29,9 @@ mod running;
 mod simd;
 mod stored;
 mod stream;
+mod totals;
 mod units;
+mod unpack;
 
 pub use cloud::{Cloud, ProjectOptions, Provenance, project_cloud, sample};
 pub use distribution::{Distribution, DistributionCounters};

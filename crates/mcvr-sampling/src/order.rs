@@ -7,10 +7,11 @@ use mcvr_scene::Camera;
 use mcvr_volume::{Grid, Voxel};
 use serde::{Deserialize, Serialize};
 
-use crate::SamplingError;
 use crate::hilbert::{Hilbert, unpack};
 use crate::simd::vectorised;
 use crate::units::{Units, Word};
+use crate::unpack::{Turned, prefetch, running};
+use crate::{SamplingError, SimdLevel, totals};
 
 /// Voxels per brick.
 pub(crate) const BRICK: usize = 256;
@@ -76,8 +77,41 @@ pub(crate) trait Layout: Sync {
     /// brick's total) and returns how many voxels were read.
     fn sums<T: Voxel, U: Units<T>>(&self, brick: usize, voxels: &[T], units: U, sums: &mut [U::Word; BRICK]) -> usize;
 
+    /// As [`Layout::sums`], for bricks in rising order of which many are wanted.
+    #[inline]
+    fn unpack<T: Voxel, U: Units<T>>(
+        &self,
+        brick: usize,
+        voxels: &[T],
+        units: U,
+        _: &mut Turned<T>,
+        sums: &mut [U::Word; BRICK],
+    ) -> usize {
+        self.sums(brick, voxels, units, sums)
+    }
+
+    /// Says that a brick's voxels will soon be wanted.
+    #[inline(always)]
+    fn prefetch<T: Voxel>(&self, _: usize, _: &[T]) {}
+
     /// Voxels in a brick.
     fn voxels(&self, brick: usize) -> usize;
+
+    /// Bricks whose totals are best made together.
+    fn bricks_at_once(&self) -> usize {
+        BRICK
+    }
+
+    /// Writes the totals of the bricks from `first` on and returns how many voxels were read.
+    fn totals<T: Voxel, U: Units<T>>(&self, first: usize, voxels: &[T], units: U, totals: &mut [u64]) -> usize {
+        let mut sums = [U::Word::default(); BRICK];
+        let mut read = 0;
+        for (i, total) in totals.iter_mut().enumerate() {
+            read += self.sums(first + i, voxels, units, &mut sums);
+            *total = sums[BRICK - 1].to_u64();
+        }
+        read
+    }
 
     /// Position of one voxel, not yet resolved.
     fn place(&self, brick: usize, start: [u32; 3], position: u32) -> [u32; 3];
@@ -89,7 +123,7 @@ pub(crate) trait Layout: Sync {
     fn bounds(&self, brick: usize) -> ([u32; 3], [u32; 3]);
 
     /// Turns places into voxel coordinates (x, y, z), in place.
-    fn resolve(&self, level: crate::SimdLevel, places: &mut [Vec<u32>; 3]);
+    fn resolve(&self, level: SimdLevel, places: &mut [Vec<u32>; 3]);
 }
 
 /// Axes nested in one another: innermost, middle, outermost.
@@ -120,12 +154,16 @@ impl Nested {
         self.dims.iter().product()
     }
 
-    fn strides(&self) -> [usize; 3] {
+    pub(crate) fn axes(&self) -> [usize; 3] {
+        self.axes
+    }
+
+    pub(crate) fn strides(&self) -> [usize; 3] {
         let memory = [1, self.dims[0], self.dims[0] * self.dims[1]];
         self.axes.map(|a| memory[a])
     }
 
-    fn extents(&self) -> [usize; 3] {
+    pub(crate) fn extents(&self) -> [usize; 3] {
         self.axes.map(|a| self.dims[a])
     }
 }
@@ -141,10 +179,8 @@ impl Layout for Nested {
         let count = BRICK.min(self.len() - first);
         let mut sum = U::Word::default();
         if self.axes[0] == 0 {
-            for (s, &v) in sums.iter_mut().zip(&voxels[first..first + count]) {
-                sum = sum.plus(units.units(v));
-                *s = sum;
-            }
+            running::<T, U>(SimdLevel::detect(), &voxels[first..first + count], units, sums);
+            return count;
         } else {
             let ([n0, n1, _], [s0, s1, s2]) = (self.extents(), self.strides());
             let (mut i0, rest) = (first % n0, first / n0);
@@ -173,8 +209,42 @@ impl Layout for Nested {
         count
     }
 
+    #[inline]
+    fn unpack<T: Voxel, U: Units<T>>(
+        &self,
+        brick: usize,
+        voxels: &[T],
+        units: U,
+        turned: &mut Turned<T>,
+        sums: &mut [U::Word; BRICK],
+    ) -> usize {
+        if self.axes[0] != 0
+            && let Some(lines) = turned.brick(self, brick, voxels)
+        {
+            running::<T, U>(SimdLevel::detect(), lines, units, sums);
+            return lines.len();
+        }
+        self.sums(brick, voxels, units, sums)
+    }
+
+    #[inline(always)]
+    fn prefetch<T: Voxel>(&self, brick: usize, voxels: &[T]) {
+        if self.axes[0] == 0 {
+            prefetch(&voxels[brick * BRICK..((brick + 1) * BRICK).min(voxels.len())]);
+        }
+    }
+
     fn voxels(&self, brick: usize) -> usize {
         BRICK.min(self.len() - brick * BRICK)
+    }
+
+    fn bricks_at_once(&self) -> usize {
+        totals::bricks_at_once(self)
+    }
+
+    fn totals<T: Voxel, U: Units<T>>(&self, first: usize, voxels: &[T], units: U, totals: &mut [u64]) -> usize {
+        totals::totals::<T, U>(SimdLevel::detect(), self, first, voxels, units, totals);
+        (totals.len() * BRICK).min(self.len() - first * BRICK)
     }
 
     #[inline(always)]
@@ -211,7 +281,7 @@ impl Layout for Nested {
         (from, to)
     }
 
-    fn resolve(&self, level: crate::SimdLevel, places: &mut [Vec<u32>; 3]) {
+    fn resolve(&self, level: SimdLevel, places: &mut [Vec<u32>; 3]) {
         let [n0, n1, _] = self.extents();
         let [p0, p1, p2] = places;
         // A place is less than a brick beyond the innermost extent, and so fewer than `lines` beyond the next.
@@ -321,7 +391,7 @@ impl Layout for Curve {
         (at, [last(0), last(1), last(2)])
     }
 
-    fn resolve(&self, _: crate::SimdLevel, _: &mut [Vec<u32>; 3]) {}
+    fn resolve(&self, _: SimdLevel, _: &mut [Vec<u32>; 3]) {}
 }
 
 /// Any order, chosen at run time.
@@ -363,7 +433,6 @@ pub(crate) use with_layout;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::SimdLevel;
     use crate::units::TableUnits;
 
     /// Every voxel's linear index in the layout's order, through `place` and `resolve`.

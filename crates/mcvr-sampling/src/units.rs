@@ -8,7 +8,7 @@
 //! [`MassReport::faint`](mcvr_scene::MassReport::faint) counts them. Sums stay below 2^62 + 2^40 (+ 2^26 for the rounding
 //! of the sum that chose the unit), so below 2^63.
 
-use mcvr_scene::{Density, WeightFn, power_of_two};
+use mcvr_scene::{Density, Transfer, WeightFn, power_of_two};
 use mcvr_volume::Voxel;
 
 /// Largest integer weight for which 256 of them surely sum below 2^31 (vector code compares as `i32`).
@@ -70,6 +70,51 @@ impl<T: Voxel, W: Word> Units<T> for TableUnits<'_, W> {
     }
 }
 
+/// Integer weights that are the ordinal less a number, or 0: those of the identity map, without a table.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ramp(u32);
+
+impl<T: Voxel> Units<T> for Ramp {
+    type Word = u32;
+    #[inline(always)]
+    fn units(self, stored: T) -> u32 {
+        // Only built for types that have ordinals.
+        (stored.ordinal().unwrap_or(0) as u32).saturating_sub(self.0)
+    }
+}
+
+/// Integer weights of wider voxels under a map without a branch, which vector code can follow.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Affine {
+    /// From stored values to isovalues, and from those to weights.
+    steps: [[f64; 2]; 2],
+    scale: Scale,
+}
+
+impl Affine {
+    fn of(density: &Density, scale: Scale) -> Option<Self> {
+        let (map, volume) = (density.map(), density.volume());
+        let line = match map.transfer {
+            // Exactly the isovalue.
+            Transfer::Identity => [1.0, 0.0],
+            Transfer::Linear { slope, intercept } => [slope, intercept],
+            _ => return None,
+        };
+        let plain = map.emphasis.is_none() && map.gains.is_none();
+        plain.then(|| Self { steps: [[volume.slope(), volume.intercept()], line], scale })
+    }
+}
+
+impl<T: Voxel> Units<T> for Affine {
+    type Word = u64;
+    #[inline(always)]
+    fn units(self, stored: T) -> u64 {
+        let [[a, b], [c, d]] = self.steps;
+        let weight = c * (a * stored.to_f64() + b) + d;
+        self.scale.units(if weight > 0.0 { weight } else { 0.0 })
+    }
+}
+
 /// Integer weights by calculation, for wider voxels.
 #[derive(Clone, Copy)]
 pub(crate) struct ScaledUnits<'a> {
@@ -114,9 +159,25 @@ pub(crate) enum UnitWeights {
     Large(Vec<u64>),
     /// By calculation, scaled.
     Scaled(Scale),
+    /// [`Small`](Self::Small), where it is a ramp.
+    Ramp(Ramp),
+    /// [`Scaled`](Self::Scaled), where the map is a line.
+    Affine(Affine),
 }
 
 impl UnitWeights {
+    /// The same weights in the form that is made fastest.
+    pub(crate) fn fastest(density: &Density) -> Self {
+        match Self::of(density) {
+            Self::Small(table) => match ramp(&table) {
+                Some(ramp) => Self::Ramp(ramp),
+                None => Self::Small(table),
+            },
+            Self::Scaled(scale) => Affine::of(density, scale).map_or(Self::Scaled(scale), Self::Affine),
+            other => other,
+        }
+    }
+
     pub(crate) fn of(density: &Density) -> Self {
         let scale = Scale::by(density.report().unit_exponent());
         match density.table() {
@@ -133,13 +194,17 @@ impl UnitWeights {
 impl UnitWeights {
     /// The units of the whole density, up to rounding.
     pub(crate) fn whole(&self, density: &Density) -> f64 {
-        let Self::Small(table) = self else {
-            let Scale(first, second) = Scale::by(density.report().unit_exponent());
-            return density.report().weight_sum * first * second;
+        let weights = density.table().unwrap_or_default();
+        let units = match self {
+            Self::Small(table) => table.iter().fold(0, |a, b| a.max(*b)),
+            Self::Ramp(Ramp(zero)) => weights.len() as u32 - 1 - zero,
+            _ => {
+                let Scale(first, second) = Scale::by(density.report().unit_exponent());
+                return density.report().weight_sum * first * second;
+            }
         };
         // Any weight tells the unit; the largest does so without loss.
-        let largest = density.table().into_iter().flatten().fold(0.0f64, |a, b| a.max(*b));
-        let units = table.iter().fold(0, |a, b| a.max(*b));
+        let largest = weights.iter().fold(0.0f64, |a, b| a.max(*b));
         density.report().weight_sum / (largest / f64::from(units.max(1)))
     }
 }
@@ -149,6 +214,12 @@ impl UnitWeights {
 fn small(table: &[f64]) -> Option<Vec<u32>> {
     let unit = power_of_two(table.iter().filter(|w| **w > 0.0).map(|w| lowest_bit(*w)).min()?);
     table.iter().map(|w| Some(w / unit).filter(|units| *units <= SMALL).map(|units| units as u32)).collect()
+}
+
+/// The ramp that a table holds, if it holds one.
+fn ramp(table: &[u32]) -> Option<Ramp> {
+    let zero = table.iter().rposition(|w| *w == 0)? as u32;
+    table.iter().enumerate().all(|(i, w)| *w == (i as u32).saturating_sub(zero)).then_some(Ramp(zero))
 }
 
 /// The largest power of two of which a positive finite number is a multiple; for an infinite one a large number.
@@ -174,6 +245,14 @@ macro_rules! with_units {
                 let $units = $crate::units::ScaledUnits { density: $density, scale: *scale };
                 $body
             }
+            $crate::units::UnitWeights::Ramp(ramp) => {
+                let $units = *ramp;
+                $body
+            }
+            $crate::units::UnitWeights::Affine(affine) => {
+                let $units = *affine;
+                $body
+            }
         }
     };
 }
@@ -196,6 +275,39 @@ mod tests {
             assert_eq!(small(&large), None, "{large:?}");
         }
         assert_eq!(small(&[0.0]), None);
+    }
+
+    #[test]
+    fn faster_forms_give_the_same_units() {
+        use mcvr_scene::DensityMap;
+        use mcvr_volume::{Grid, Volume};
+        fn agree<T: Voxel>(voxels: Vec<T>, map: DensityMap, fast: bool) {
+            let grid = Grid::with_spacing([voxels.len(), 1, 1], [1.0; 3]).unwrap();
+            let volume = Volume::from_vec(grid, voxels.clone(), "test").unwrap();
+            let density = Density::new(&volume, map).unwrap();
+            let (plain, fastest) = (UnitWeights::of(&density), UnitWeights::fastest(&density));
+            assert_eq!(matches!(fastest, UnitWeights::Ramp(_) | UnitWeights::Affine(_)), fast, "{}", T::TYPE);
+            assert_eq!(plain.whole(&density), fastest.whole(&density));
+            let all = |weights: &UnitWeights| -> Vec<u64> {
+                with_units!(weights, &density, u => voxels.iter().map(|v| u.units(*v).to_u64()).collect())
+            };
+            assert_eq!(all(&plain), all(&fastest), "{}", T::TYPE);
+        }
+        let line =
+            |slope, intercept| DensityMap { transfer: Transfer::Linear { slope, intercept }, ..DensityMap::default() };
+        let noise: Vec<u64> = (0..5000u64).map(|i| i.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32).collect();
+        agree(noise.iter().map(|v| *v as u8).collect(), DensityMap::default(), true);
+        agree(noise.iter().map(|v| *v as i8).collect(), line(0.25, -3.0), true);
+        agree(noise.iter().map(|v| *v as i16).collect(), line(1.0, 1000.0), true);
+        agree(noise.iter().map(|v| *v as u16).collect(), line(0.3, 0.0), false);
+        agree(noise.iter().map(|v| *v as u16).collect(), line(1.0, 5.0), false);
+        for map in [DensityMap::default(), line(0.37, -100.0), line(1e-280, 0.0)] {
+            agree(noise.iter().map(|v| *v as u32).collect(), map.clone(), true);
+            agree(noise.iter().map(|v| *v as f32 * 1e-3 - 1e5).collect(), map.clone(), true);
+            agree(noise.iter().map(|v| *v as f64 * 1e-3).collect(), map, true);
+        }
+        let last = DensityMap { transfer: Transfer::Piecewise(vec![[0.0, 0.0], [1.0, 2.0]]), ..DensityMap::default() };
+        agree(noise.iter().map(|v| *v as f32).collect(), last, false);
     }
 
     #[test]

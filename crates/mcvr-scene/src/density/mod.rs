@@ -20,7 +20,7 @@ pub use map::{DensityMap, Emphasis, NegativePolicy, Transfer};
 pub use occupancy::Occupancy;
 pub(crate) use power::exponent;
 pub use power::power_of_two;
-use tally::scan;
+use tally::{below, scan};
 
 /// What the density map made of a volume.
 #[derive(Clone, Copy, Debug, PartialEq, Default, Serialize)]
@@ -102,26 +102,31 @@ impl Density {
             let moved = plain.concentrated().map_err(|e| SceneError::Density(e.to_string()))?;
             return Self::new(&moved, DensityMap::default());
         }
-        let iso = |stored: f64| volume.slope() * stored + volume.intercept();
-        let (table, tally) = with_voxels!(volume.voxels(), v => scan(v, |s| map.raw_weight(iso(s))));
+        let (table, tally) = with_voxels!(volume.voxels(), v => scan(volume, &map, v));
+        // Positions are wanted only for the messages: they are looked up when there is something to report.
+        let first = |wanted: fn(f64) -> bool| {
+            (0..volume.grid().len()).find(|&i| wanted(map.raw_weight(volume.isovalue(i)))).unwrap_or(0)
+        };
         if tally.bad > 0 {
-            let [i, j, k] = volume.grid().unravel(tally.first_bad);
+            let at = first(|w| !w.is_finite());
+            let [i, j, k] = volume.grid().unravel(at);
             return Err(SceneError::Density(format!(
                 "{} voxels of '{}' have a weight that is not finite (first at {i},{j},{k}: isovalue {}); \
                  clean the volume or map those isovalues elsewhere",
                 tally.bad,
                 volume.name(),
-                volume.isovalue(tally.first_bad)
+                volume.isovalue(at)
             )));
         }
         if tally.negative > 0 && map.negative == NegativePolicy::Refuse {
-            let [i, j, k] = volume.grid().unravel(tally.first_negative);
+            let at = first(|w| w < 0.0);
+            let [i, j, k] = volume.grid().unravel(at);
             return Err(SceneError::Density(format!(
                 "{} voxels of '{}' have a negative weight (first at {i},{j},{k}: isovalue {}); use a map that keeps \
                  weights positive (for Hounsfield units: hounsfield) or let them be clamped to 0",
                 tally.negative,
                 volume.name(),
-                volume.isovalue(tally.first_negative)
+                volume.isovalue(at)
             )));
         }
         let mass = tally.sum * volume.grid().voxel_volume();
@@ -158,9 +163,7 @@ impl Density {
         // Half a unit below the smallest number is 0: then nothing is faint.
         let half = power_of_two(report.unit_exponent() - 1);
         if tally.min < half {
-            let faint = |w: f64| if w < half { w.max(0.0) } else { 0.0 };
-            let (_, tally) = with_voxels!(volume.voxels(), v => scan(v, |s| faint(map.raw_weight(iso(s)))));
-            (report.faint, report.faint_sum) = (tally.positive, tally.sum);
+            (report.faint, report.faint_sum) = with_voxels!(volume.voxels(), v => below(volume, &map, v, half));
         }
         let table = table.into_iter().map(|w| if w > 0.0 { w } else { 0.0 }).collect();
         Ok(Self { volume: volume.clone(), map, table, report, occupancy: Arc::default() })

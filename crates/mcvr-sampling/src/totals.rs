@@ -1,0 +1,167 @@
+//! Totals of bricks with the volume read as it lies in memory, whatever the order of the voxels.
+//!
+//! Where the innermost axis is not x, the voxels of a brick lie a row or a plane apart, each in a cache line and a page of its own.
+//! So bricks are not summed one by one: rows of voxels, which lie side by side in memory, are added to a row of sums, one
+//! for each line along the innermost axis, and a line's sum is taken out where a brick ends.
+
+use mcvr_volume::Voxel;
+
+use crate::order::{BRICK, Nested};
+use crate::simd::vectorised;
+use crate::units::{Units, Word};
+
+/// Lines that are summed side by side: their sums stay in the first cache.
+const LINES: usize = 4096;
+
+/// No line.
+const NONE: u32 = u32::MAX;
+
+/// Bricks that are summed in one call: about [`LINES`] lines, so that the two that may be cut by its ends are few.
+pub(crate) fn bricks_at_once(nested: &Nested) -> usize {
+    (LINES * nested.extents()[0]).div_ceil(BRICK).clamp(256, 1 << 20)
+}
+
+vectorised! {
+    /// Writes the totals of the bricks from `first` on.
+    pub(crate) fn totals<T: Voxel, U: Units<T>>(
+        nested: &Nested, first: usize, voxels: &[T], units: U, totals: &mut [u64],
+    ) = totals_body::<T, U>
+}
+
+#[inline(always)]
+fn totals_body<T: Voxel, U: Units<T>>(nested: &Nested, first: usize, voxels: &[T], units: U, totals: &mut [u64]) {
+    let start = first * BRICK;
+    let end = (start + totals.len() * BRICK).min(voxels.len());
+    if nested.axes()[0] == 0 {
+        for (total, brick) in totals.iter_mut().zip(voxels[start..end].chunks(BRICK)) {
+            let mut sum = U::Word::default();
+            for v in brick {
+                sum = sum.plus(units.units(*v));
+            }
+            *total = sum.to_u64();
+        }
+        return;
+    }
+    totals.fill(0);
+    let ([n0, n1, _], [s0, s1, s2]) = (nested.extents(), nested.strides());
+    let origin = |line: usize| line % n1 * s1 + line / n1 * s2;
+    // Lines that lie in the range only in part are few; they are added voxel by voxel.
+    let (whole, beyond) = (start.div_ceil(n0), end / n0);
+    let mut part = |from: usize, to: usize| {
+        for position in from..to {
+            let unit = units.units(voxels[origin(position / n0) + position % n0 * s0]);
+            totals[(position - start) / BRICK] += unit.to_u64();
+        }
+    };
+    if whole > beyond {
+        part(start, end);
+        return;
+    }
+    part(start, whole * n0);
+    part(beyond * n0, end);
+    let mut sums = Lines::new(n0);
+    let mut line = whole;
+    while line < beyond {
+        // Lines follow each other in memory up to the end of the middle axis, and beyond it where that is the whole plane.
+        let side_by_side = if s2 == n1 * s1 { beyond - line } else { n1 - line % n1 };
+        let count = side_by_side.min(beyond - line).min(LINES);
+        let rows = Rows { first: origin(line), stride: s0, lines: count, position: line * n0 - start };
+        sums.add::<T, U>(voxels, rows, units, totals);
+        line += count;
+    }
+}
+
+/// Lines side by side.
+#[derive(Clone, Copy)]
+struct Rows {
+    /// The first voxel of the first line.
+    first: usize,
+    /// From a row to the next.
+    stride: usize,
+    lines: usize,
+    /// Of the first voxel in the order of voxels, from the first brick on.
+    position: usize,
+}
+
+/// Sums of lines, and which of them end a brick at which row.
+struct Lines<W> {
+    sums: Vec<W>,
+    /// Per number of rows, the first line that ends a brick after so many; per line, the next one that ends there.
+    ends: Vec<u32>,
+    next: Vec<u32>,
+}
+
+impl<W: Word> Lines<W> {
+    fn new(rows: usize) -> Self {
+        Self { sums: vec![W::default(); LINES], ends: vec![NONE; rows + 1], next: vec![NONE; LINES] }
+    }
+
+    #[inline(always)]
+    fn add<T: Voxel, U: Units<T, Word = W>>(&mut self, voxels: &[T], rows: Rows, units: U, totals: &mut [u64]) {
+        let n0 = self.ends.len() - 1;
+        let sums = &mut self.sums[..rows.lines];
+        for line in 0..rows.lines {
+            let end = (BRICK - (rows.position + line * n0) % BRICK).min(n0);
+            self.next[line] = std::mem::replace(&mut self.ends[end], line as u32);
+        }
+        for row in 0..n0 {
+            let values = &voxels[rows.first + row * rows.stride..][..sums.len()];
+            for (sum, v) in sums.iter_mut().zip(values) {
+                *sum = sum.plus(units.units(*v));
+            }
+            let mut ending = std::mem::replace(&mut self.ends[row + 1], NONE);
+            while ending != NONE {
+                let line = ending as usize;
+                let sum = std::mem::take(&mut sums[line]);
+                totals[(rows.position + line * n0 + row) / BRICK] += sum.to_u64();
+                ending = self.next[line];
+                if row + 1 < n0 {
+                    let end = (row + 1 + BRICK).min(n0);
+                    self.next[line] = std::mem::replace(&mut self.ends[end], line as u32);
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::SimdLevel;
+    use crate::order::Layout;
+    use crate::units::TableUnits;
+
+    #[test]
+    fn totals_are_the_last_running_sums_at_every_level() {
+        let table: Vec<u32> = (0..256).map(|i| i * 3 % 200).collect();
+        for dims in [[40, 33, 17], [530, 9, 3], [7, 300, 5], [3, 2, 700], [64, 64, 256], [1, 1, 1], [5000, 3, 2]] {
+            let voxels: Vec<u8> = (0..dims.iter().product::<usize>()).map(|i| (i * i % 251) as u8).collect();
+            for axis in 0..3 {
+                let nested = Nested::new(dims, axis).unwrap();
+                let mut sums = [0u32; BRICK];
+                let expected: Vec<u64> = (0..nested.bricks())
+                    .map(|brick| {
+                        nested.sums(brick, &voxels, TableUnits(&table[..]), &mut sums);
+                        u64::from(sums[BRICK - 1])
+                    })
+                    .collect();
+                for level in SimdLevel::available() {
+                    for step in [1, 7, 64, 100_000] {
+                        let mut got = vec![u64::MAX; expected.len()];
+                        for (i, chunk) in got.chunks_mut(step).enumerate() {
+                            totals::<u8, TableUnits<'_, u32>>(
+                                level,
+                                &nested,
+                                i * step,
+                                &voxels,
+                                TableUnits(&table[..]),
+                                chunk,
+                            );
+                        }
+                        assert_eq!(got, expected, "{dims:?}, axis {axis}, {level:?}, {step} at once");
+                    }
+                }
+            }
+        }
+    }
+}

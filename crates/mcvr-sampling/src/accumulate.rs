@@ -106,19 +106,13 @@ impl<'a> Worker<'a> {
     pub(crate) fn add(&mut self, pixels: &[u32], weights: &Weights) {
         match (&mut self.own, weights.narrow.is_empty(), weights.wide.is_empty()) {
             (Own::Counts(counts), ..) => {
-                for &p in pixels {
-                    counts[p as usize] += 1;
-                }
+                add_ones(counts, pixels);
                 self.since_flush += pixels.len() as u64;
                 if self.since_flush >= FLUSH {
                     self.flush();
                 }
             }
-            (Own::Weights(sums), false, _) => {
-                for (&p, &w) in pixels.iter().zip(&weights.narrow) {
-                    sums[p as usize] += u64::from(w);
-                }
-            }
+            (Own::Weights(sums), false, _) => add_narrow(sums, pixels, &weights.narrow),
             (Own::Weights(sums), true, _) => {
                 for (&p, &w) in pixels.iter().zip(&weights.wide) {
                     sums[p as usize] += w;
@@ -182,16 +176,54 @@ impl<'a> Worker<'a> {
     }
 }
 
+/// Places in a batch from which samples are added in turn. Neighbours in a batch lie near each other and often in one pixel,
+/// and an addition to a sum that was stored an instant ago must wait for it; samples from eight places rarely meet.
+const WAYS: usize = 8;
+
+/// Adds one to each pixel.
+fn add_ones(counts: &mut [u32], pixels: &[u32]) {
+    let part = pixels.len() / WAYS;
+    let parts: [&[u32]; WAYS] = std::array::from_fn(|k| &pixels[k * part..(k + 1) * part]);
+    for i in 0..part {
+        for pixels in parts {
+            counts[pixels[i] as usize] += 1;
+        }
+    }
+    for &p in &pixels[WAYS * part..] {
+        counts[p as usize] += 1;
+    }
+}
+
+/// Adds a weight to each pixel.
+fn add_narrow(sums: &mut [u64], pixels: &[u32], weights: &[u32]) {
+    let part = pixels.len() / WAYS;
+    let parts: [[&[u32]; 2]; WAYS] =
+        std::array::from_fn(|k| [&pixels[k * part..(k + 1) * part], &weights[k * part..(k + 1) * part]]);
+    for i in 0..part {
+        for [pixels, weights] in parts {
+            sums[pixels[i] as usize] += u64::from(weights[i]);
+        }
+    }
+    for (&p, &w) in pixels[WAYS * part..].iter().zip(&weights[WAYS * part..]) {
+        sums[p as usize] += u64::from(w);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn private_and_shared_sums_are_the_same() {
-        let pixels = [0u32, 3, 3, 1, 4, 5];
+        // More than the ways, and no multiple of them.
+        let pixels = [0u32, 3, 3, 1, 4, 5, 0, 3, 3, 1, 4, 5, 0, 3, 3, 1, 4, 5, 2];
+        let repeat = |w: [u64; 6]| [&w[..], &w, &w, &[7]].concat();
         let none = Weights::default();
-        let wide = Weights { wide: vec![10u64, 1 << 40, 2, 3, 100, 200], ..Weights::default() };
-        let narrow = Weights { narrow: vec![10, 1 << 20, 2, 3, 100, 200], ..Weights::default() };
+        let wide = Weights { wide: repeat([10u64, 1 << 40, 2, 3, 100, 200]), ..Weights::default() };
+        let narrow = Weights {
+            narrow: repeat([10, 1 << 20, 2, 3, 100, 200]).iter().map(|w| *w as u32).collect(),
+            ..Weights::default()
+        };
         let run = |private: bool, weights: &Weights| {
             let mut totals = Totals::new(4, 2).expect("memory");
             totals.private = private;
@@ -202,7 +234,7 @@ mod tests {
             }
             totals.into_sums().map(|s| s as f64 * 0.5).collect::<Vec<_>>()
         };
-        assert_eq!(run(true, &none), vec![1.0, 1.0, 0.0, 2.0]);
+        assert_eq!(run(true, &none), vec![3.0, 3.0, 1.0, 6.0]);
         for weights in [&none, &wide, &narrow] {
             assert_eq!(run(true, weights), run(false, weights));
         }

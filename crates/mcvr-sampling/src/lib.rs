@@ -10,6 +10,7 @@
 
 mod accumulate;
 mod cloud;
+mod dense;
 mod distribution;
 mod effects;
 mod engine;
@@ -22,6 +23,8 @@ mod locate;
 mod offset;
 mod order;
 mod project;
+#[cfg(target_arch = "x86_64")]
+mod project512;
 mod real;
 mod replicates;
 pub mod rng;

@@ -8,6 +8,7 @@ use mcvr_volume::{Grid, Voxel};
 use serde::{Deserialize, Serialize};
 
 use crate::SamplingError;
+use crate::dense::Lines;
 use crate::hilbert::{Hilbert, unpack};
 use crate::simd::vectorised;
 use crate::units::{Units, Word};
@@ -88,8 +89,14 @@ pub(crate) trait Layout: Sync {
     /// The first and the last voxel of a box around the brick's voxels, both inside the grid.
     fn bounds(&self, brick: usize) -> ([u32; 3], [u32; 3]);
 
-    /// Turns places into voxel coordinates (x, y, z), in place.
+    /// Turns places into voxel coordinates (x, y, z), in place. Coordinates along the layout's own axes are places as well.
     fn resolve(&self, level: crate::SimdLevel, places: &mut [Vec<u32>; 3]);
+
+    /// Extents of the lines that its bricks follow, where they follow lines; a brick then starts at [`Layout::start`].
+    fn lines(&self) -> Option<Lines>;
+
+    /// Turns coordinates along the layout's own axes into (x, y, z).
+    fn turn(&self, places: &mut [Vec<u32>; 3]);
 }
 
 /// Axes nested in one another: innermost, middle, outermost.
@@ -226,7 +233,16 @@ impl Layout for Nested {
         } else {
             carry_small(level, p1, p2, n1 as u32);
         }
-        // places[r] is the coordinate along axes[r]; bring them to x, y, z.
+        self.turn(places);
+    }
+
+    fn lines(&self) -> Option<Lines> {
+        let [n0, n1, _] = self.extents();
+        Lines::new(n0, n1)
+    }
+
+    fn turn(&self, places: &mut [Vec<u32>; 3]) {
+        // places[r] is the coordinate along axes[r].
         match self.axes {
             [1, 0, 2] => places.swap(0, 1),
             [2, 0, 1] => places.rotate_left(1),
@@ -322,6 +338,12 @@ impl Layout for Curve {
     }
 
     fn resolve(&self, _: crate::SimdLevel, _: &mut [Vec<u32>; 3]) {}
+
+    fn lines(&self) -> Option<Lines> {
+        None
+    }
+
+    fn turn(&self, _: &mut [Vec<u32>; 3]) {}
 }
 
 /// Any order, chosen at run time.

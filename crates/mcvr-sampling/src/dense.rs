@@ -1,0 +1,154 @@
+//! Finding the voxels of many rising targets of one brick at once, with AVX-512.
+//!
+//! Where a brick holds many targets, they fall into runs that share a row of 16 voxels. The ends of the runs are found for all 16
+//! rows together, by one binary search whose steps are gathers; in a run, 16 targets at a time are searched within the row's 16
+//! sums, which stay in a register; so do the coordinates of the row's voxels, of which each target takes its own.
+
+use crate::order::BRICK;
+
+/// Targets in a brick from which on this is the quicker way.
+pub(crate) const MANY: usize = 64;
+
+/// Extents of the two inner axes of nested lines of voxels.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lines {
+    /// Voxels of a line.
+    pub inner: u32,
+    /// Lines of a plane; at least as many as a brick can touch, and one more.
+    pub middle: u32,
+}
+
+impl Lines {
+    /// `None` where a brick may wrap around the middle axis more than once.
+    pub(crate) fn new(inner: usize, middle: usize) -> Option<Self> {
+        let touched = BRICK.div_ceil(inner) + 1;
+        let (inner, middle) =
+            (u32::try_from(inner).ok()?, u32::try_from(middle).ok().filter(|m| *m as usize >= touched)?);
+        Some(Self { inner, middle })
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod avx512 {
+    use std::arch::x86_64::*;
+
+    use super::Lines;
+    use crate::locate::{BrickSums, ROW};
+
+    /// For each row the number of targets before its end, that is below its last sum.
+    #[target_feature(enable = "avx2,popcnt,avx512f,avx512bw,avx512dq,avx512vl")]
+    fn row_ends(brick: &BrickSums<u32>, targets: &[u64], before: u64) -> [u32; ROW] {
+        let n = targets.len();
+        // SAFETY: 16 words of 32 bits are read from an array of 16.
+        let rows = unsafe { _mm512_loadu_si512(brick.rows().as_ptr().cast()) };
+        let before = _mm512_set1_epi32(before as i32);
+        let count = _mm512_set1_epi32(n as i32);
+        let mut ends = _mm512_setzero_si512();
+        let mut step = n.next_power_of_two();
+        while step > 0 {
+            // The target that would be the last of so many more.
+            let at = _mm512_add_epi32(ends, _mm512_set1_epi32(step as i32 - 1));
+            let there = _mm512_cmplt_epu32_mask(at, count);
+            let zero = _mm512_setzero_si512();
+            // SAFETY: only lanes whose index is below the number of targets are read: the lower half of a 64-bit word each.
+            let low = unsafe { _mm512_mask_i32gather_epi32::<8>(zero, there, at, targets.as_ptr().cast()) };
+            let below = _mm512_mask_cmplt_epu32_mask(there, _mm512_sub_epi32(low, before), rows);
+            ends = _mm512_mask_add_epi32(ends, below, ends, _mm512_set1_epi32(step as i32));
+            step /= 2;
+        }
+        let mut out = [0; ROW];
+        // SAFETY: 16 words are written to an array of 16.
+        unsafe { _mm512_storeu_si512(out.as_mut_ptr().cast(), ends) };
+        out
+    }
+
+    /// Writes the coordinates along the inner, the middle and the outer axis of all targets' voxels. The brick begins at `start`;
+    /// its total is below 2^32, and the targets rise from `before` on and stay below `before` plus the total.
+    #[target_feature(enable = "avx2,popcnt,avx512f,avx512bw,avx512dq,avx512vl")]
+    pub(crate) fn place(
+        brick: &BrickSums<u32>,
+        targets: &[u64],
+        before: u64,
+        start: [u32; 3],
+        lines: Lines,
+        out: [&mut [u32]; 3],
+    ) {
+        let n = targets.len();
+        let [x, y, z] = out;
+        let (x, y, z) = (&mut x[..n], &mut y[..n], &mut z[..n]);
+        let ends = row_ends(brick, targets, before);
+        let splat = |v: u32| _mm512_set1_epi32(v as i32);
+        let lane = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+        let low_words = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
+        let offset = splat(before as u32);
+        let mut from = 0;
+        for (row, &end) in ends.iter().enumerate() {
+            let end = end as usize;
+            if end == from {
+                continue;
+            }
+            // SAFETY: the row is below 16, so its 16 words lie within the 256.
+            let sums = unsafe { _mm512_loadu_si512(brick.sums.as_ptr().add(row * ROW).cast()) };
+            let [rx, ry, rz] = coordinates(start, (row * ROW) as u32, lines, lane);
+            while from < end {
+                let many = (end - from).min(ROW);
+                let mask = (0xffffu32 >> (ROW - many)) as u16;
+                // SAFETY: masked off beyond the `many` targets that are left of the run, all within the slice.
+                let (a, b) = unsafe {
+                    let at = targets.as_ptr().add(from).cast();
+                    let a = _mm512_maskz_loadu_epi64(mask as u8, at);
+                    (a, _mm512_maskz_loadu_epi64((mask >> 8) as u8, at.wrapping_add(8)))
+                };
+                let target = _mm512_sub_epi32(_mm512_permutex2var_epi32(a, low_words, b), offset);
+                // The number of sums of the row that do not exceed the target, which the last one does.
+                let m = _mm512_cmple_epu32_mask(_mm512_permutexvar_epi32(splat(7), sums), target);
+                let mut c = _mm512_maskz_mov_epi32(m, splat(8));
+                let m = _mm512_cmple_epu32_mask(_mm512_permutexvar_epi32(_mm512_add_epi32(c, splat(3)), sums), target);
+                c = _mm512_mask_add_epi32(c, m, c, splat(4));
+                let m = _mm512_cmple_epu32_mask(_mm512_permutexvar_epi32(_mm512_add_epi32(c, splat(1)), sums), target);
+                c = _mm512_mask_add_epi32(c, m, c, splat(2));
+                let m = _mm512_cmple_epu32_mask(_mm512_permutexvar_epi32(c, sums), target);
+                c = _mm512_mask_add_epi32(c, m, c, splat(1));
+                // SAFETY: masked off beyond the run, which ends within the three slices of `n` words.
+                unsafe {
+                    _mm512_mask_storeu_epi32(x.as_mut_ptr().add(from).cast(), mask, _mm512_permutexvar_epi32(c, rx));
+                    _mm512_mask_storeu_epi32(y.as_mut_ptr().add(from).cast(), mask, _mm512_permutexvar_epi32(c, ry));
+                    _mm512_mask_storeu_epi32(z.as_mut_ptr().add(from).cast(), mask, _mm512_permutexvar_epi32(c, rz));
+                }
+                from += many;
+            }
+        }
+    }
+
+    /// Coordinates of 16 voxels from position `first` of a brick on.
+    #[inline]
+    #[target_feature(enable = "avx2,popcnt,avx512f,avx512bw,avx512dq,avx512vl")]
+    fn coordinates(start: [u32; 3], first: u32, lines: Lines, lane: __m512i) -> [__m512i; 3] {
+        let splat = |v: u32| _mm512_set1_epi32(v as i32);
+        let one = splat(1);
+        let inner = splat(lines.inner);
+        let mut x = _mm512_add_epi32(splat(start[0] + first), lane);
+        let mut y = splat(start[1]);
+        let mut z = splat(start[2]);
+        if lines.inner >= crate::order::BRICK as u32 {
+            let over = _mm512_cmpge_epu32_mask(x, inner);
+            x = _mm512_mask_sub_epi32(x, over, x, inner);
+            y = _mm512_mask_add_epi32(y, over, y, one);
+        } else {
+            // Below 512 both: the quotient's error, below 512 × 2^-23, is far less than the distance 1/(2n) of (l + 1/2)/n from
+            // an integer.
+            let inverse = _mm512_set1_ps(1.0 / lines.inner as f32);
+            let q = _mm512_mul_ps(_mm512_add_ps(_mm512_cvtepi32_ps(x), _mm512_set1_ps(0.5)), inverse);
+            let q = _mm512_cvttps_epi32(q);
+            x = _mm512_sub_epi32(x, _mm512_mullo_epi32(q, inner));
+            y = _mm512_add_epi32(y, q);
+        }
+        let over = _mm512_cmpge_epu32_mask(y, splat(lines.middle));
+        y = _mm512_mask_sub_epi32(y, over, y, splat(lines.middle));
+        z = _mm512_mask_add_epi32(z, over, z, one);
+        [x, y, z]
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+pub(crate) use avx512::place;

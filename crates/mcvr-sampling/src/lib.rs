@@ -10,6 +10,8 @@
 
 mod accumulate;
 mod cloud;
+mod compact;
+mod compact_view;
 mod dense;
 mod distribution;
 mod effects;
@@ -35,6 +37,7 @@ mod stream;
 mod units;
 
 pub use cloud::{Cloud, ProjectOptions, Provenance, project_cloud, sample};
+pub use compact::{Compact, CompactBrick};
 pub use distribution::{Distribution, DistributionCounters};
 pub use engine::{Counters, GradientSource, PhaseSeconds, RenderOptions, Rendered, render, render_look};
 pub use error::SamplingError;

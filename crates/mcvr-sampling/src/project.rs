@@ -221,6 +221,17 @@ impl Projection {
         self.bits
     }
 
+    /// The matrix and the shift that take voxels from the grid's first voxel.
+    pub(crate) fn from_first_voxel(&self) -> ([[f64; 3]; 3], [f64; 3]) {
+        let mut shift = self.shift;
+        for (shift, row) in shift.iter_mut().zip(&self.matrix) {
+            for (m, c) in row.iter().zip(self.centre) {
+                *shift -= m * f64::from(c);
+            }
+        }
+        (self.matrix, shift)
+    }
+
     pub(crate) fn params<R: Real>(&self) -> Params<R> {
         let (w, h) = (self.extent.width, self.extent.height);
         Params {

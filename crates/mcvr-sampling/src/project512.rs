@@ -170,6 +170,20 @@ impl<const ALL: bool> Part<ALL> {
 
     #[inline]
     #[target_feature(enable = "avx2,popcnt,avx512f,avx512bw,avx512dq,avx512vl")]
+    fn fractions(self, slice: &[u16]) -> __m512 {
+        let slice = &slice[self.at..self.at + self.many];
+        // SAFETY: as in `words`.
+        let halves = unsafe {
+            match ALL {
+                true => _mm256_loadu_si256(slice.as_ptr().cast()),
+                false => _mm256_maskz_loadu_epi16(self.mask(), slice.as_ptr().cast()),
+            }
+        };
+        _mm512_cvtepi32_ps(_mm512_cvtepu16_epi32(halves))
+    }
+
+    #[inline]
+    #[target_feature(enable = "avx2,popcnt,avx512f,avx512bw,avx512dq,avx512vl")]
     fn store(self, words: __m512i, slice: &mut [u32]) {
         let slice = &mut slice[self.at..self.at + self.many];
         // SAFETY: as in `words`.
@@ -248,6 +262,23 @@ pub(crate) fn project_stored<E: Weigh>(
     let mut lost = Lost::default();
     in_parts!(pixels.len(), part => {
         let landed = land::<E>(&view, [part.numbers(x), part.numbers(y), part.numbers(z)]);
+        part.keep::<E>(&landed, pixels, weights, &mut lost);
+    });
+    lost
+}
+
+/// Points in fractions of a brick, whose view this is. All slices are as long as `pixels`, but for `weights` under `count`.
+#[target_feature(enable = "avx2,popcnt,avx512f,avx512bw,avx512dq,avx512vl")]
+pub(crate) fn project_words<E: Weigh>(
+    p: &Params<f32>,
+    [x, y, z]: [&[u16]; 3],
+    pixels: &mut [u32],
+    weights: &mut [u32],
+) -> Lost {
+    let view = View::new(p);
+    let mut lost = Lost::default();
+    in_parts!(pixels.len(), part => {
+        let landed = land::<E>(&view, [part.fractions(x), part.fractions(y), part.fractions(z)]);
         part.keep::<E>(&landed, pixels, weights, &mut lost);
     });
     lost

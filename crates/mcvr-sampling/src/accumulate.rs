@@ -1,12 +1,16 @@
-//! Pixel sums in integers: private to each worker while they are small, shared and atomic when they are not.
+//! Pixel sums in integers: private to each worker while they are small, shared and reached by way of bins when they are not.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::SamplingError;
+use crate::binned::{Bins, Locks};
 use crate::real::Weights;
 
 /// Bytes that private copies may take together before workers share one.
 const PRIVATE_BYTES: usize = 48 << 20;
+
+/// Bytes of one copy beyond which samples are better put into bins first.
+const COPY_BYTES: usize = 12 << 20;
 
 /// Additions to one private counter before it must be emptied into the total.
 const FLUSH: u64 = 1 << 31;
@@ -15,6 +19,9 @@ const FLUSH: u64 = 1 << 31;
 pub(crate) struct Totals {
     sums: Vec<AtomicU64>,
     private: bool,
+    /// Where the sums are not private, and not too many to be told apart by 32 bits.
+    locks: Option<Locks>,
+    workers: usize,
 }
 
 impl Totals {
@@ -25,7 +32,7 @@ impl Totals {
     pub(crate) fn new(pixels: usize, workers: usize) -> Result<Self, SamplingError> {
         let slots = pixels + 2;
         let bytes = slots * size_of::<u64>();
-        let private = bytes * workers <= PRIVATE_BYTES;
+        let private = bytes <= COPY_BYTES && bytes * workers <= PRIVATE_BYTES;
         let mut sums = Vec::new();
         sums.try_reserve_exact(slots).map_err(|_| SamplingError::Limit {
             method: "image",
@@ -34,7 +41,8 @@ impl Totals {
             ),
         })?;
         sums.resize_with(slots, || AtomicU64::new(0));
-        Ok(Self { sums, private })
+        let locks = if private { None } else { Locks::new(slots) };
+        Ok(Self { sums, private, locks, workers })
     }
 
     fn add(&self, pixel: u32, amount: u64) {
@@ -47,10 +55,15 @@ impl Totals {
 
     /// A worker's way in, for a share of `samples` samples.
     pub(crate) fn worker(&self, weighed: bool, samples: u64) -> Worker<'_> {
-        let own = match (self.private && samples >= self.few(), weighed) {
-            (false, _) => Own::Shared,
-            (true, false) => Own::Counts(vec![0; self.sums.len()]),
-            (true, true) => Own::Weights(vec![0; self.sums.len()]),
+        let slots = self.sums.len();
+        let own = match (self.private && samples >= self.few(), weighed, &self.locks) {
+            (true, false, _) => Own::Counts(vec![0; slots]),
+            (true, true, _) => Own::Weights(vec![0; slots]),
+            // All workers of such sums use bins, however few their samples: who holds no lock may not add.
+            (false, _, Some(locks)) => {
+                Own::Binned(locks, Bins::new(slots, self.workers), Bins::new(slots, self.workers))
+            }
+            (false, _, None) => Own::Shared,
         };
         Worker { totals: self, own, since_flush: 0 }
     }
@@ -78,16 +91,18 @@ impl Totals {
     }
 }
 
-enum Own {
+enum Own<'a> {
     Counts(Vec<u32>),
     Weights(Vec<u64>),
+    /// Narrow weights or counts, and wide ones.
+    Binned(&'a Locks, Bins<u32>, Bins<u64>),
     Shared,
 }
 
 /// One worker's accumulator; [`Worker::finish`] adds it to the totals.
 pub(crate) struct Worker<'a> {
     totals: &'a Totals,
-    own: Own,
+    own: Own<'a>,
     since_flush: u64,
 }
 
@@ -95,8 +110,10 @@ impl<'a> Worker<'a> {
     /// Goes on to another film of the same kind and size, with the memory of this one.
     pub(crate) fn turn_to(mut self, totals: &'a Totals, weighed: bool, samples: u64) -> Self {
         self.flush();
-        let private = !matches!(self.own, Own::Shared);
-        if private == (totals.private && samples >= totals.few()) {
+        let private = matches!(self.own, Own::Counts(_) | Own::Weights(_));
+        let shared = matches!(self.own, Own::Shared) && totals.locks.is_none();
+        let wanted = totals.private && samples >= totals.few();
+        if if wanted { private } else { shared } {
             return Self { totals, ..self };
         }
         totals.worker(weighed, samples)
@@ -117,6 +134,18 @@ impl<'a> Worker<'a> {
                 for (&p, &w) in pixels.iter().zip(&weights.wide) {
                     sums[p as usize] += w;
                 }
+            }
+            (Own::Binned(locks, bins, _), narrow_is_empty, true) => {
+                if narrow_is_empty {
+                    pixels.iter().for_each(|&p| bins.put(p, 1));
+                } else {
+                    pixels.iter().zip(&weights.narrow).for_each(|(&p, &w)| bins.put(p, w));
+                }
+                bins.settle(pixels.len(), &self.totals.sums, locks);
+            }
+            (Own::Binned(locks, _, bins), _, false) => {
+                pixels.iter().zip(&weights.wide).for_each(|(&p, &w)| bins.put(p, w));
+                bins.settle(pixels.len(), &self.totals.sums, locks);
             }
             (Own::Shared, true, true) => pixels.iter().for_each(|&p| self.totals.add(p, 1)),
             (Own::Shared, false, _) => {
@@ -142,6 +171,14 @@ impl<'a> Worker<'a> {
                     }
                 }
             }
+            (Own::Binned(locks, _, bins), _) => {
+                for (&p, amounts) in pixels.iter().zip(amounts.chunks_exact(channels)) {
+                    for (c, &a) in amounts.iter().enumerate() {
+                        bins.put(p * channels as u32 + c as u32, a);
+                    }
+                }
+                bins.settle(pixels.len() * channels, &self.totals.sums, locks);
+            }
             (Own::Shared | Own::Counts(_), _) => {
                 for (&p, amounts) in pixels.iter().zip(amounts.chunks_exact(channels)) {
                     for (c, &a) in amounts.iter().enumerate() {
@@ -165,6 +202,10 @@ impl<'a> Worker<'a> {
             }
             Own::Weights(sums) => {
                 self.totals.sums.iter().zip(&mut *sums).for_each(|(t, s)| add(t, std::mem::take(s)));
+            }
+            Own::Binned(locks, narrow, wide) => {
+                narrow.empty(&self.totals.sums, locks);
+                wide.empty(&self.totals.sums, locks);
             }
             Own::Shared => {}
         }

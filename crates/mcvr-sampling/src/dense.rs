@@ -152,3 +152,67 @@ mod avx512 {
 
 #[cfg(target_arch = "x86_64")]
 pub(crate) use avx512::place;
+
+#[cfg(all(test, target_arch = "x86_64"))]
+mod tests {
+    use super::*;
+    use crate::SimdLevel;
+    use crate::locate::BrickSums;
+    use crate::rng::mix;
+
+    /// Against the plain search and division, for bricks full, sparse and of one voxel, lines short and long, any place of the brick.
+    #[test]
+    fn rising_targets_find_their_voxels_and_coordinates() {
+        if SimdLevel::detect() != SimdLevel::Avx512 {
+            return;
+        }
+        let weights: [fn(u64) -> u64; 5] = [
+            |i| 1 + i % 7,
+            |i| u64::from(i % 17 == 3) * 90,
+            |i| u64::from(i == 200) * 5000,
+            |i| mix(i) >> 42,
+            |i| u64::from(i >= 250) * 300,
+        ];
+        for (case, weight) in weights.into_iter().enumerate() {
+            let mut brick = BrickSums::<u32>::new();
+            let mut sum = 0;
+            for (i, s) in brick.sums.iter_mut().enumerate() {
+                sum += weight(i as u64);
+                *s = sum as u32;
+            }
+            brick.index();
+            let before = (7 << 32) - 100;
+            for n in [1, 2, 15, 16, 17, 64, 300, 2048] {
+                let mut targets: Vec<u64> = (0..n).map(|k| before + mix(k) % sum).collect();
+                targets.extend([before, before + sum - 1]);
+                targets.sort_unstable();
+                let targets = &targets[..];
+                for (inner, middle, start) in [
+                    (1, 400, [0, 300, 2]),
+                    (7, 50, [6, 49, 0]),
+                    (56, 301, [55, 298, 9]),
+                    (256, 3, [255, 2, 4]),
+                    (700, 2, [699, 1, 0]),
+                ] {
+                    let lines = Lines::new(inner, middle).expect("lines");
+                    let mut out = [(); 3].map(|()| vec![0u32; targets.len()]);
+                    let [x, y, z] = out.each_mut().map(|v| &mut v[..]);
+                    // SAFETY: the processor has what the function needs.
+                    unsafe { place(&brick, targets, before, start, lines, [x, y, z]) };
+                    for (k, target) in targets.iter().enumerate() {
+                        let at = start[0] as usize + brick.find((target - before) as u32) as usize;
+                        let line = start[1] as usize + at / inner;
+                        let expected = [at % inner, line % middle, start[2] as usize + line / middle];
+                        assert_eq!([0, 1, 2].map(|a: usize| out[a][k] as usize), expected, "{case} {n} {inner} {k}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn lines_that_a_brick_would_wrap_around_twice_are_left_to_the_plain_code() {
+        assert!(Lines::new(56, 5).is_none() && Lines::new(56, 6).is_some() && Lines::new(256, 1).is_none());
+        assert!(Lines::new(1, 256).is_none() && Lines::new(1, 257).is_some());
+    }
+}

@@ -9,6 +9,7 @@
 //! [`sample`] keeps the points as a [`Cloud`], and [`project_cloud`] makes the image of it from any view.
 
 mod accumulate;
+mod binned;
 mod cloud;
 mod compact;
 mod compact_view;

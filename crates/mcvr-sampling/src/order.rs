@@ -156,23 +156,20 @@ impl Layout for Nested {
             let ([n0, n1, _], [s0, s1, s2]) = (self.extents(), self.strides());
             let (mut i0, rest) = (first % n0, first / n0);
             let (mut i1, mut i2) = (rest % n1, rest / n1);
-            let mut out = sums[..count].iter_mut();
-            'bricks: loop {
-                let line = &voxels[i1 * s1 + i2 * s2..];
-                while i0 < n0 {
-                    let Some(s) = out.next() else { break 'bricks };
-                    sum = sum.plus(units.units(line[i0 * s0]));
+            let mut out = &mut sums[..count];
+            while !out.is_empty() {
+                let line = &voxels[i0 * s0 + i1 * s1 + i2 * s2..];
+                let (these, rest) = out.split_at_mut(out.len().min(n0 - i0));
+                for (s, &v) in these.iter_mut().zip(line.iter().step_by(s0)) {
+                    sum = sum.plus(units.units(v));
                     *s = sum;
-                    i0 += 1;
                 }
+                out = rest;
                 i0 = 0;
                 i1 += 1;
                 if i1 == n1 {
                     i1 = 0;
                     i2 += 1;
-                    if out.len() == 0 {
-                        break;
-                    }
                 }
             }
         }

@@ -195,7 +195,7 @@ fn a_compact_cloud_gives_the_image_of_points_that_hardly_moved() {
 fn damaged_compact_files_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcvr");
-    let compact = drawn(3000).compacted().unwrap();
+    let compact = drawn(20_000).compacted().unwrap();
     let bricks = compact.compact().unwrap().bricks().len();
     assert!(bricks > 1);
     write_cloud(&compact, &path).unwrap();
@@ -309,7 +309,7 @@ fn sample_and_project_write_the_file_that_render_writes() {
         mcvr(at, &[&["sample"], &draw[..], &["--compact", "-o", "d.mcvr", "-o", "d.ply", "--json", "-"]].concat())
             .stdout;
     let record: serde_json::Value = serde_json::from_slice(&record).unwrap();
-    assert_eq!(record["compact"]["side"], 64);
+    assert_eq!(record["compact"]["side"], 16);
     assert_eq!(bytes("c.ply"), bytes("d.ply"));
     assert!(bytes("d.mcvr").len() < bytes("c.mcvr").len() * 6 / 10);
     mcvr(at, &[&["project", "d.mcvr", "-o", "e.npy"], &view[..]].concat());

@@ -31,6 +31,8 @@ pub struct Scene {
 /// What is made of it once.
 pub struct Parts<'a> {
     distribution: Distribution<'a>,
+    /// Of 12 bytes a point, and compact.
+    clouds: [Cloud; 2],
 }
 
 type Stream = Arc<dyn PointStream + Send>;
@@ -60,9 +62,13 @@ impl Scene {
         Ok(Self { density, name, cameras })
     }
 
-    pub fn parts(&self) -> Outcome<Parts<'_>> {
+    pub fn parts(&self, samples: u64) -> Outcome<Parts<'_>> {
         let order = VoxelOrder::Depth.resolve(&self.cameras[0], self.density.volume().grid());
-        Ok(Parts { distribution: Distribution::new(&self.density, order)? })
+        let distribution = Distribution::new(&self.density, order)?;
+        let net = SobolNet::new(samples, 1, Scramble::Linear);
+        let cloud = sample(&distribution, &net, Kernel::Tent, Provenance::default(), &Watch::default())?.0;
+        let compact = cloud.compacted()?;
+        Ok(Parts { distribution, clouds: [cloud, compact] })
     }
 
     pub fn described(&self) -> String {
@@ -95,8 +101,11 @@ pub fn entries<'a>(
                 let title = format!("generate and project, {name}, {estimand}, {side}×{side}");
                 all.push(rendering(title, parts, stream.clone(), camera, estimand, limit, threads));
             }
-            let title = format!("project a cloud, {estimand}, {side}×{side}");
-            all.push(projecting(title, parts, streams[0].1.clone(), camera, estimand, limit, threads));
+            for compact in [false, true] {
+                let kind = if compact { "a compact cloud" } else { "a cloud" };
+                let title = format!("project {kind}, {estimand}, {side}×{side}");
+                all.push(projecting(title, &parts.clouds[usize::from(compact)], camera, estimand, limit, threads));
+            }
         }
     }
     Ok(all)
@@ -159,23 +168,15 @@ fn rendering<'a>(
 
 fn projecting<'a>(
     name: String,
-    parts: &'a Parts<'a>,
-    stream: Stream,
+    cloud: &'a Cloud,
     camera: &'a Camera,
     estimand: Estimand,
     limit: &'static str,
     threads: usize,
 ) -> Entry<'a> {
-    let mut kept: Option<Cloud> = None;
     let work = move || {
-        let cloud = match kept.take() {
-            Some(cloud) => cloud,
-            None => sample(&parts.distribution, &*stream, Kernel::Tent, Provenance::default(), &Watch::default())?.0,
-        };
         let options = ProjectOptions { estimand, ..ProjectOptions::default() };
-        let rendered = project_cloud(&cloud, camera, &options, &Watch::default())?;
-        kept = Some(cloud);
-        Ok(rendered.counters.samples)
+        Ok(project_cloud(cloud, camera, &options, &Watch::default())?.counters.samples)
     };
     Entry { name, unit: "point", threads, limit: Some((limit, 1.0)), work: Box::new(work) }
 }

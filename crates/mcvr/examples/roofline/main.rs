@@ -44,7 +44,7 @@ fn main() -> Outcome<()> {
 
 fn run(options: &Options) -> Outcome<()> {
     let scene = loops::Scene::load(options)?;
-    let parts = scene.parts()?;
+    let parts = scene.parts(options.samples)?;
     let mut entries = vec![];
     for &threads in &options.threads {
         entries.extend(limits::entries(threads));

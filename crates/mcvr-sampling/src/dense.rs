@@ -1,13 +1,13 @@
 //! Finding the voxels of many rising targets of one brick at once, with AVX-512.
 //!
 //! Where a brick holds many targets, they fall into runs that share a row of 16 voxels. The ends of the runs are found for all 16
-//! rows together, by one binary search whose steps are gathers; in a run, 16 targets at a time are searched within the row's 16
+//! rows together, by counting or by one binary search whose steps are gathers; in a run, 16 targets at a time are searched within the row's 16
 //! sums, which stay in a register; so do the coordinates of the row's voxels, of which each target takes its own.
 
 use crate::order::BRICK;
 
 /// Targets in a brick from which on this is the quicker way.
-pub(crate) const MANY: usize = 64;
+pub(crate) const MANY: usize = 32;
 
 /// Extents of the two inner axes of nested lines of voxels.
 #[derive(Clone, Copy, Debug)]
@@ -35,9 +35,50 @@ mod avx512 {
     use super::Lines;
     use crate::locate::{BrickSums, ROW};
 
+    /// Targets up to which it is quicker to compare all of them with all rows.
+    const FEW: usize = 256;
+
     /// For each row the number of targets before its end, that is below its last sum.
     #[target_feature(enable = "avx2,popcnt,avx512f,avx512bw,avx512dq,avx512vl")]
     fn row_ends(brick: &BrickSums<u32>, targets: &[u64], before: u64) -> [u32; ROW] {
+        if targets.len() <= FEW {
+            ends_by_counting(brick, targets, before)
+        } else {
+            ends_by_halving(brick, targets, before)
+        }
+    }
+
+    #[target_feature(enable = "avx2,popcnt,avx512f,avx512bw,avx512dq,avx512vl")]
+    fn ends_by_counting(brick: &BrickSums<u32>, targets: &[u64], before: u64) -> [u32; ROW] {
+        let mut ends = [0; ROW];
+        let offset = _mm512_set1_epi32(before as u32 as i32);
+        for from in (0..targets.len()).step_by(ROW) {
+            let (target, mask) = sixteen(&targets[from..], offset);
+            for (end, row) in ends.iter_mut().zip(brick.rows()) {
+                *end += _mm512_mask_cmplt_epu32_mask(mask, target, _mm512_set1_epi32(*row as i32)).count_ones();
+            }
+        }
+        ends
+    }
+
+    /// The first 16 targets of a slice, or as many as it has, less `offset`, and which lanes hold one.
+    #[inline]
+    #[target_feature(enable = "avx2,popcnt,avx512f,avx512bw,avx512dq,avx512vl")]
+    fn sixteen(targets: &[u64], offset: __m512i) -> (__m512i, u16) {
+        let low_words = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
+        let many = targets.len().min(ROW);
+        let mask = (0xffffu32 >> (ROW - many)) as u16;
+        // SAFETY: masked off beyond the slice.
+        let (a, b) = unsafe {
+            let at: *const i64 = targets.as_ptr().cast();
+            let a = _mm512_maskz_loadu_epi64(mask as u8, at);
+            (a, _mm512_maskz_loadu_epi64((mask >> 8) as u8, at.wrapping_add(8)))
+        };
+        (_mm512_sub_epi32(_mm512_permutex2var_epi32(a, low_words, b), offset), mask)
+    }
+
+    #[target_feature(enable = "avx2,popcnt,avx512f,avx512bw,avx512dq,avx512vl")]
+    fn ends_by_halving(brick: &BrickSums<u32>, targets: &[u64], before: u64) -> [u32; ROW] {
         let n = targets.len();
         // SAFETY: 16 words of 32 bits are read from an array of 16.
         let rows = unsafe { _mm512_loadu_si512(brick.rows().as_ptr().cast()) };
@@ -79,7 +120,6 @@ mod avx512 {
         let ends = row_ends(brick, targets, before);
         let splat = |v: u32| _mm512_set1_epi32(v as i32);
         let lane = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-        let low_words = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
         let offset = splat(before as u32);
         let mut from = 0;
         for (row, &end) in ends.iter().enumerate() {
@@ -93,13 +133,7 @@ mod avx512 {
             while from < end {
                 let many = (end - from).min(ROW);
                 let mask = (0xffffu32 >> (ROW - many)) as u16;
-                // SAFETY: masked off beyond the `many` targets that are left of the run, all within the slice.
-                let (a, b) = unsafe {
-                    let at = targets.as_ptr().add(from).cast();
-                    let a = _mm512_maskz_loadu_epi64(mask as u8, at);
-                    (a, _mm512_maskz_loadu_epi64((mask >> 8) as u8, at.wrapping_add(8)))
-                };
-                let target = _mm512_sub_epi32(_mm512_permutex2var_epi32(a, low_words, b), offset);
+                let (target, _) = sixteen(&targets[from..from + many], offset);
                 // The number of sums of the row that do not exceed the target, which the last one does.
                 let m = _mm512_cmple_epu32_mask(_mm512_permutexvar_epi32(splat(7), sums), target);
                 let mut c = _mm512_maskz_mov_epi32(m, splat(8));

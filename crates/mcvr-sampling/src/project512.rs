@@ -168,6 +168,14 @@ impl<const ALL: bool> Part<ALL> {
         }
     }
 
+    /// Asks for the memory that the batch after this one will want: while samples are added to the image, nothing else would be read.
+    #[inline]
+    fn expect<T>(self, slice: &[T]) {
+        let at = slice.as_ptr().wrapping_add(self.at + crate::BLOCK);
+        // SAFETY: a hint, for any address.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(at.cast()) };
+    }
+
     #[inline]
     #[target_feature(enable = "avx2,popcnt,avx512f,avx512bw,avx512dq,avx512vl")]
     fn fractions(self, slice: &[u16]) -> __m512 {
@@ -261,6 +269,9 @@ pub(crate) fn project_stored<E: Weigh>(
     let view = View::new(p);
     let mut lost = Lost::default();
     in_parts!(pixels.len(), part => {
+        part.expect(x);
+        part.expect(y);
+        part.expect(z);
         let landed = land::<E>(&view, [part.numbers(x), part.numbers(y), part.numbers(z)]);
         part.keep::<E>(&landed, pixels, weights, &mut lost);
     });
@@ -278,6 +289,9 @@ pub(crate) fn project_words<E: Weigh>(
     let view = View::new(p);
     let mut lost = Lost::default();
     in_parts!(pixels.len(), part => {
+        part.expect(x);
+        part.expect(y);
+        part.expect(z);
         let landed = land::<E>(&view, [part.fractions(x), part.fractions(y), part.fractions(z)]);
         part.keep::<E>(&landed, pixels, weights, &mut lost);
     });

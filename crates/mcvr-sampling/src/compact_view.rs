@@ -40,7 +40,7 @@ impl Projection {
     }
 
     fn compact<R: Real + 'static, E: Weigh + 'static>(&self, step: f64, level: SimdLevel) -> Box<dyn ProjectCompact> {
-        let (rows, shift) = self.from_first_voxel();
+        let (rows, shift) = self.for_first_voxel();
         let mut params = self.params::<R>();
         for (to, from) in params.rows.iter_mut().flatten().zip(rows.iter().flatten()) {
             // A product with a power of two: exact.

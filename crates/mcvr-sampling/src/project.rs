@@ -222,7 +222,7 @@ impl Projection {
     }
 
     /// The matrix and the shift that take voxels from the grid's first voxel.
-    pub(crate) fn from_first_voxel(&self) -> ([[f64; 3]; 3], [f64; 3]) {
+    pub(crate) fn for_first_voxel(&self) -> ([[f64; 3]; 3], [f64; 3]) {
         let mut shift = self.shift;
         for (shift, row) in shift.iter_mut().zip(&self.matrix) {
             for (m, c) in row.iter().zip(self.centre) {

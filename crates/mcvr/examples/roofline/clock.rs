@@ -1,5 +1,7 @@
 //! Interleaved runs and their clocks.
 
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry::Vacant;
 use std::time::Instant;
 
 use serde::Serialize;
@@ -41,10 +43,10 @@ fn middle(values: &mut [f64]) -> [f64; 3] {
 
 /// Runs each entry once unmeasured, then in rounds.
 pub fn measure(mut entries: Vec<Entry<'_>>, rounds: usize) -> Outcome<Vec<Row>> {
-    let mut pools = std::collections::BTreeMap::new();
+    let mut pools = BTreeMap::new();
     for e in &entries {
-        if !pools.contains_key(&e.threads) {
-            pools.insert(e.threads, rayon::ThreadPoolBuilder::new().num_threads(e.threads).build()?);
+        if let Vacant(room) = pools.entry(e.threads) {
+            room.insert(rayon::ThreadPoolBuilder::new().num_threads(e.threads).build()?);
         }
     }
     let mut times = vec![(vec![], vec![]); entries.len()];

@@ -12,6 +12,7 @@ use mcvr::sampling::{
     project_cloud, render, sample,
 };
 use mcvr::scene::{Camera, DensityMap, Estimand, Extent, Kernel, View, Watch};
+use mcvr::volume::Grid;
 use mcvr::{Method, Request, draw_cloud, is_cloud, read_cloud, write_cloud, write_ply};
 
 const SAMPLES: u64 = 9 * BLOCK as u64 + 77;
@@ -195,7 +196,10 @@ fn a_compact_cloud_gives_the_image_of_points_that_hardly_moved() {
 fn damaged_compact_files_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcvr");
-    let compact = drawn(20_000).compacted().unwrap();
+    let grid = Grid::with_spacing([90, 40, 20], [1.0; 3]).unwrap();
+    let axis = |k: usize, n: f32| (0..3000).map(|i| (i * k % 997) as f32 / 997.0 * n - n / 2.0).collect();
+    let positions = [axis(7, 88.0), axis(31, 38.0), axis(113, 18.0)];
+    let compact = Cloud::new(grid, Kernel::Tent, 1.5, positions, Provenance::default()).unwrap().compacted().unwrap();
     let bricks = compact.compact().unwrap().bricks().len();
     assert!(bricks > 1);
     write_cloud(&compact, &path).unwrap();

@@ -1,5 +1,6 @@
 //! Samples kept as points in space: drawn once, projected from any view.
 
+use std::borrow::Cow;
 use std::time::Instant;
 
 use glam::DVec3;
@@ -8,6 +9,7 @@ use mcvr_volume::Grid;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+use crate::compact::{Compact, MOST_VOXELS};
 use crate::engine::{Counters, Rendered};
 use crate::expose::{Exposure, Scratch};
 use crate::find::locator;
@@ -41,17 +43,27 @@ pub struct Provenance {
 /// [`render`](crate::render) makes of the same points, bit for bit, wherever the projection runs in
 /// [`Precision::F32`]. Where it runs in [`Precision::F64`], the cloud's points keep their 32 bits: each is within
 /// 2^-24 of its distance from the centre voxel.
+///
+/// A [compact](Cloud::compacted) cloud takes half the memory and is the quicker to project; its points are each moved by up to
+/// [`Compact::error`] voxels along an axis, and sorted by place.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cloud {
     grid: Grid,
     kernel: Kernel,
     mass: f64,
-    positions: [Vec<f32>; 3],
+    points: Points,
     provenance: Provenance,
 }
 
+/// Points as 32-bit positions, or in bricks.
+#[derive(Clone, Debug, PartialEq)]
+enum Points {
+    Single([Vec<f32>; 3]),
+    Compact(Compact),
+}
+
 impl Cloud {
-    /// Bytes of memory that a point takes.
+    /// Bytes of memory that a point takes in a cloud that is not compact.
     pub const BYTES_PER_POINT: u64 = 12;
 
     /// Joins the parts: x, y and z of the points in voxels from the centre voxel, the grid, the kernel that spread
@@ -72,13 +84,8 @@ impl Cloud {
         if lens[0] == 0 || lens[0] != lens[1] || lens[0] != lens[2] {
             return fail(format!("{lens:?} coordinates along x, y and z: expected as many on each axis, at least 1"));
         }
-        if !mass.is_finite() || mass <= 0.0 {
-            return fail(format!("the mass must be positive and finite, got {mass}"));
-        }
+        check_whole(&grid, mass)?;
         let dims = grid.dims();
-        if dims.iter().any(|&n| n >= 1 << 31) {
-            return fail(format!("extents {dims:?} exceed 2^31 - 1 voxels along an axis"));
-        }
         let centre = centre_voxel(dims);
         for axis in 0..3 {
             // Rounding to 32 bits may move a point at the very end of the support outwards.
@@ -91,12 +98,71 @@ impl Cloud {
                 return fail(format!("axis {axis}: position {v} is outside {low}..{high} voxels from the centre"));
             }
         }
-        Ok(Self { grid, kernel, mass, positions, provenance })
+        Ok(Self { grid, kernel, mass, points: Points::Single(positions), provenance })
+    }
+
+    /// As [`Cloud::new`], of compact points.
+    ///
+    /// # Errors
+    /// [`SamplingError::Cloud`] as [`Cloud::new`], and for a grid of more than 2^22 voxels along an axis.
+    pub fn of_compact(
+        grid: Grid,
+        kernel: Kernel,
+        mass: f64,
+        points: Compact,
+        provenance: Provenance,
+    ) -> Result<Self, SamplingError> {
+        check_whole(&grid, mass)?;
+        check_compact(&grid)?;
+        // A point at the very end of the support lies in a cell that may begin before it.
+        let slack = 1e-3 + 2.0 * points.error();
+        let ranges = grid.dims().map(|n| {
+            let reach = kernel.support() + slack + n as f64 * f64::from(f32::EPSILON);
+            [-reach, (n - 1) as f64 + reach]
+        });
+        if let Some((axis, v)) = points.outside(ranges) {
+            let [low, high] = ranges[axis];
+            return Err(SamplingError::Cloud(format!(
+                "axis {axis}: position {v} is outside {low}..{high} voxels from the first voxel"
+            )));
+        }
+        Ok(Self { grid, kernel, mass, points: Points::Compact(points), provenance })
+    }
+
+    /// The same points in six bytes each, sorted by place; see [`Compact`]. Takes ten bytes a point more while it works.
+    ///
+    /// # Errors
+    /// [`SamplingError::Cloud`] when there is no memory for it, or the grid has more than 2^22 voxels along an axis.
+    pub fn compacted(&self) -> Result<Self, SamplingError> {
+        let Points::Single(positions) = &self.points else { return Ok(self.clone()) };
+        check_compact(&self.grid)?;
+        let dims = self.grid.dims();
+        let points = Compact::of(dims, centre_voxel(dims), positions).map_err(SamplingError::Cloud)?;
+        Self::of_compact(self.grid.clone(), self.kernel, self.mass, points, self.provenance.clone())
+    }
+
+    /// The bricks of a compact cloud.
+    pub fn compact(&self) -> Option<&Compact> {
+        match &self.points {
+            Points::Single(_) => None,
+            Points::Compact(points) => Some(points),
+        }
+    }
+
+    /// Bytes of memory that the points take.
+    pub fn bytes(&self) -> u64 {
+        match &self.points {
+            Points::Single(_) => Self::BYTES_PER_POINT * self.samples(),
+            Points::Compact(c) => Compact::BYTES_PER_POINT * c.samples() + size_of_val(c.bricks()) as u64,
+        }
     }
 
     /// Number of points `M`.
     pub fn samples(&self) -> u64 {
-        self.positions[0].len() as u64
+        match &self.points {
+            Points::Single(positions) => positions[0].len() as u64,
+            Points::Compact(points) => points.samples(),
+        }
     }
 
     /// The volume's grid.
@@ -119,20 +185,68 @@ impl Cloud {
         &self.provenance
     }
 
-    /// x, y and z of all points, in voxels from the centre voxel.
-    pub fn positions(&self) -> &[Vec<f32>; 3] {
-        &self.positions
+    /// x, y and z of all points, in voxels from the centre voxel. Those of a compact cloud are made for the call: 12 bytes a point.
+    pub fn positions(&self) -> Cow<'_, [Vec<f32>; 3]> {
+        match &self.points {
+            Points::Single(positions) => Cow::Borrowed(positions),
+            Points::Compact(points) => {
+                let centre = centre_voxel(self.grid.dims());
+                let mut positions = [vec![], vec![], vec![]];
+                points.decoded(|at| (0..3).for_each(|a| positions[a].push((at[a] - f64::from(centre[a])) as f32)));
+                Cow::Owned(positions)
+            }
+        }
     }
 
-    /// World position (mm) of point `index`.
+    /// World position (mm) of point `index` of a cloud that is not compact.
     ///
     /// # Panics
-    /// When there are fewer points.
+    /// When there are fewer points, or the cloud is compact.
     pub fn world(&self, index: usize) -> DVec3 {
         let centre = centre_voxel(self.grid.dims());
-        let at = |a: usize| f64::from(centre[a]) + f64::from(self.positions[a][index]);
+        let Points::Single(positions) = &self.points else { panic!("points of a compact cloud have no order") };
+        let at = |a: usize| f64::from(centre[a]) + f64::from(positions[a][index]);
         self.grid.index_to_world().transform_point3(DVec3::new(at(0), at(1), at(2)))
     }
+
+    /// Hands over the world positions (mm) of all points, in their order.
+    pub fn for_each_world(&self, mut each: impl FnMut(DVec3)) {
+        let to_world = self.grid.index_to_world();
+        let centre = centre_voxel(self.grid.dims());
+        match &self.points {
+            Points::Single([x, y, z]) => {
+                for ((x, y), z) in x.iter().zip(y).zip(z) {
+                    let at = [*x, *y, *z].map(f64::from);
+                    let [x, y, z] = [0, 1, 2].map(|a: usize| f64::from(centre[a]) + at[a]);
+                    each(to_world.transform_point3(DVec3::new(x, y, z)));
+                }
+            }
+            Points::Compact(points) => points.decoded(|at| each(to_world.transform_point3(DVec3::from_array(at)))),
+        }
+    }
+}
+
+/// What all clouds need.
+fn check_whole(grid: &Grid, mass: f64) -> Result<(), SamplingError> {
+    let dims = grid.dims();
+    if !mass.is_finite() || mass <= 0.0 {
+        return Err(SamplingError::Cloud(format!("the mass must be positive and finite, got {mass}")));
+    }
+    if dims.iter().any(|&n| n >= 1 << 31) {
+        return Err(SamplingError::Cloud(format!("extents {dims:?} exceed 2^31 - 1 voxels along an axis")));
+    }
+    Ok(())
+}
+
+/// What compact clouds need.
+fn check_compact(grid: &Grid) -> Result<(), SamplingError> {
+    let dims = grid.dims();
+    if dims.iter().any(|&n| n > MOST_VOXELS) {
+        return Err(SamplingError::Cloud(format!(
+            "extents {dims:?}: a compact cloud has at most {MOST_VOXELS} voxels along an axis; leave it as it is"
+        )));
+    }
+    Ok(())
 }
 
 /// Draws a stream's points into a cloud on the current rayon pool; point `k` of the stream is point `k` of the
@@ -250,16 +364,30 @@ pub fn project_cloud(
     let level = SimdLevel::choose(options.simd);
     let projection = Projection::new(&cloud.grid, camera, cloud.kernel, samples, options.precision)?;
     projection.check(options.estimand)?;
-    let projector = projection.stored_projector(options.estimand, level);
     let exposure = Exposure { camera, estimand: options.estimand, samples, mass: cloud.mass, share: 1.0 };
-    exposure.run(&projection, start, watch, |block, scratch, film, _| {
-        let drawn = Instant::now();
-        let len = scratch.pixels.len();
-        let first = block as usize * BLOCK;
-        let [x, y, z] = &cloud.positions;
-        let batch = [x, y, z].map(|s| &s[first..first + len]);
-        let lost = projector.project(batch, &mut scratch.pixels, &mut scratch.weights);
-        film.add(&scratch.pixels, &scratch.weights);
-        (lost, drawn)
-    })
+    match &cloud.points {
+        Points::Single([x, y, z]) => {
+            let projector = projection.stored_projector(options.estimand, level);
+            exposure.run(&projection, start, watch, |block, scratch, film, _| {
+                let drawn = Instant::now();
+                let first = block as usize * BLOCK;
+                let range = first..first + scratch.pixels.len();
+                let batch = [&x[range.clone()], &y[range.clone()], &z[range]];
+                let lost = projector.project(batch, &mut scratch.pixels, &mut scratch.weights);
+                film.add(&scratch.pixels, &scratch.weights);
+                (lost, drawn)
+            })
+        }
+        Points::Compact(points) => {
+            let projector = projection.compact_projector(points.step(), options.estimand, level);
+            exposure.run(&projection, start, watch, |block, scratch, film, _| {
+                let drawn = Instant::now();
+                let first = block * BLOCK as u64;
+                let end = first + scratch.pixels.len() as u64;
+                let lost = projector.project(points, first..end, &mut scratch.pixels, &mut scratch.weights);
+                film.add(&scratch.pixels, &scratch.weights);
+                (lost, drawn)
+            })
+        }
+    }
 }

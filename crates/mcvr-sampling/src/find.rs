@@ -2,6 +2,8 @@
 
 use mcvr_volume::{Voxel, with_voxels};
 
+#[cfg(target_arch = "x86_64")]
+use crate::dense::{self, MANY};
 use crate::engine::Counters;
 use crate::locate::{BrickSums, find_all};
 use crate::order::{Layout, with_layout};
@@ -36,12 +38,12 @@ struct Locator<'a, L, T, U> {
 
 impl<L: Layout, T: Voxel, U: Units<T>> Locate for Locator<'_, L, T, U> {
     fn locate(&self, search: Search, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) {
-        match search {
+        let resolved = match search {
             Search::Walk => self.walk(targets, places, counters),
             Search::Binary => self.binary(targets, places, counters),
             Search::Linear => self.linear(targets, places, counters),
-        }
-        self.layout.resolve(self.level, places);
+        };
+        if resolved { self.layout.turn(places) } else { self.layout.resolve(self.level, places) }
     }
 }
 
@@ -74,45 +76,75 @@ impl<L: Layout, T: Voxel, U: Units<T>> Locator<'_, L, T, U> {
         }
     }
 
-    /// Rising targets: every brick that holds some is decoded once.
-    fn walk(&self, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) {
+    /// As [`Self::place`], with coordinates along the layout's own axes where the targets are many and rise, and the processor
+    /// can; says whether it did.
+    #[inline(always)]
+    fn place_many(
+        &self,
+        brick: usize,
+        sums: &BrickSums<U::Word>,
+        targets: &[u64],
+        first: usize,
+        places: &mut [Vec<u32>; 3],
+    ) -> bool {
+        #[cfg(target_arch = "x86_64")]
+        if targets.len() >= MANY
+            && self.level == SimdLevel::Avx512
+            && let Some(lines) = self.layout.lines()
+            && let Some(sums) = (sums as &dyn std::any::Any).downcast_ref::<BrickSums<u32>>()
+        {
+            let [x, y, z] = places.each_mut().map(|p| &mut p[first..first + targets.len()]);
+            let start = self.layout.start(brick);
+            // SAFETY: the level is only ever chosen on processors with AVX-512 F, BW, DQ and VL.
+            unsafe { dense::place(sums, targets, self.before[brick], start, lines, [x, y, z]) };
+            return true;
+        }
+        let _ = (brick, sums, targets, first, places);
+        false
+    }
+
+    /// Rising targets: every brick that holds some is decoded once. Says whether all places are coordinates already.
+    fn walk(&self, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) -> bool {
         let mut sums = BrickSums::new();
         let mut positions = [0u32; crate::BLOCK];
         let mut first = 0;
-        let [Some(least), Some(most)] = [targets.first(), targets.last()] else { return };
+        let mut resolved = true;
+        let [Some(least), Some(most)] = [targets.first(), targets.last()] else { return resolved };
         // The brick of the target at `first`: it is looked for early, so that its voxels are on their way.
         let mut next = brick_of(self.before, 0, *least);
         let bricks = brick_of(self.before, next, *most) - next + 1;
         let mut turned = Turned::new(targets.len(), next, bricks);
         while first < targets.len() {
             let brick = next;
-            let limit = self.before[brick + 1];
-            let mut end = first + 1;
-            while end < targets.len() && targets[end] < limit {
-                end += 1;
-            }
+            let end = end_of(targets, first, self.before[brick + 1]);
             if end < targets.len() {
                 next = brick_of(self.before, brick, targets[end]);
                 self.layout.prefetch(next, self.voxels);
             }
             self.decode(brick, &mut turned, &mut sums, counters);
-            self.place(brick, &sums, &targets[first..end], first, &mut positions[first..end], places);
+            let run = &targets[first..end];
+            if !self.place_many(brick, &sums, run, first, places) {
+                self.place(brick, &sums, run, first, &mut positions[first..end], places);
+                resolved = false;
+            }
             first = end;
         }
+        resolved
     }
 
     /// Targets in any order: each searches the brick totals and decodes its own brick.
-    fn binary(&self, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) {
+    fn binary(&self, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) -> bool {
         let mut sums = BrickSums::new();
         for (i, target) in targets.iter().enumerate() {
             let brick = self.before.partition_point(|b| b <= target) - 1;
             self.decode(brick, &mut Turned::off(), &mut sums, counters);
             self.place(brick, &sums, std::slice::from_ref(target), i, &mut [0], places);
         }
+        false
     }
 
     /// Targets in any order: each adds up the voxels' weights from the first voxel on.
-    fn linear(&self, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) {
+    fn linear(&self, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) -> bool {
         let mut sums = BrickSums::new();
         for (i, target) in targets.iter().enumerate() {
             let (mut brick, mut sum) = (0, 0);
@@ -131,7 +163,22 @@ impl<L: Layout, T: Voxel, U: Units<T>> Locator<'_, L, T, U> {
             }
             self.place(brick, &sums, std::slice::from_ref(target), i, &mut [0], places);
         }
+        false
     }
+}
+
+/// The end of the rising targets from `first` on that are below a limit, which the first one is: by steps that double, then
+/// halve, as runs are short where samples are few.
+#[inline(always)]
+fn end_of(targets: &[u64], first: usize, limit: u64) -> usize {
+    let mut low = first + 1;
+    let mut step = 8;
+    while low + step <= targets.len() && targets[low + step - 1] < limit {
+        low += step;
+        step *= 2;
+    }
+    let high = (low + step - 1).min(targets.len());
+    low + targets[low..high].partition_point(|t| *t < limit)
 }
 
 /// The brick that holds a target, searched forward from a brick at or before it: a few steps one by one,

@@ -9,7 +9,11 @@
 //! [`sample`] keeps the points as a [`Cloud`], and [`project_cloud`] makes the image of it from any view.
 
 mod accumulate;
+mod binned;
 mod cloud;
+mod compact;
+mod compact_view;
+mod dense;
 mod distribution;
 mod effects;
 mod engine;
@@ -22,6 +26,8 @@ mod locate;
 mod offset;
 mod order;
 mod project;
+#[cfg(target_arch = "x86_64")]
+mod project512;
 mod real;
 mod replicates;
 pub mod rng;
@@ -34,6 +40,7 @@ mod units;
 mod unpack;
 
 pub use cloud::{Cloud, ProjectOptions, Provenance, project_cloud, sample};
+pub use compact::{Compact, CompactBrick};
 pub use distribution::{Distribution, DistributionCounters};
 pub use engine::{Counters, GradientSource, PhaseSeconds, RenderOptions, Rendered, render, render_look};
 pub use error::SamplingError;

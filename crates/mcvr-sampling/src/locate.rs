@@ -6,7 +6,7 @@ use crate::simd::vectorised;
 use crate::units::Word;
 
 /// Entries per row: one vector of 32-bit words.
-const ROW: usize = 16;
+pub(crate) const ROW: usize = 16;
 
 /// A brick's inclusive running sums, with the last sum of each row of 16 beside them, so that a target is
 /// found by two vector comparisons.
@@ -18,6 +18,12 @@ pub(crate) struct BrickSums<W> {
 impl<W: Word> BrickSums<W> {
     pub(crate) fn new() -> Self {
         Self { sums: [W::default(); BRICK], rows: [W::default(); ROW] }
+    }
+
+    /// The last sum of each row.
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) fn rows(&self) -> &[W; ROW] {
+        &self.rows
     }
 
     /// To be called whenever the sums have changed.

@@ -7,6 +7,7 @@ use mcvr_scene::Camera;
 use mcvr_volume::{Grid, Voxel};
 use serde::{Deserialize, Serialize};
 
+use crate::dense::Lines;
 use crate::hilbert::{Hilbert, unpack};
 use crate::simd::vectorised;
 use crate::units::{Units, Word};
@@ -122,8 +123,14 @@ pub(crate) trait Layout: Sync {
     /// The first and the last voxel of a box around the brick's voxels, both inside the grid.
     fn bounds(&self, brick: usize) -> ([u32; 3], [u32; 3]);
 
-    /// Turns places into voxel coordinates (x, y, z), in place.
+    /// Turns places into voxel coordinates (x, y, z), in place. Coordinates along the layout's own axes are places as well.
     fn resolve(&self, level: SimdLevel, places: &mut [Vec<u32>; 3]);
+
+    /// Extents of the lines that its bricks follow, where they follow lines; a brick then starts at [`Layout::start`].
+    fn lines(&self) -> Option<Lines>;
+
+    /// Turns coordinates along the layout's own axes into (x, y, z).
+    fn turn(&self, places: &mut [Vec<u32>; 3]);
 }
 
 /// Axes nested in one another: innermost, middle, outermost.
@@ -185,23 +192,20 @@ impl Layout for Nested {
             let ([n0, n1, _], [s0, s1, s2]) = (self.extents(), self.strides());
             let (mut i0, rest) = (first % n0, first / n0);
             let (mut i1, mut i2) = (rest % n1, rest / n1);
-            let mut out = sums[..count].iter_mut();
-            'bricks: loop {
-                let line = &voxels[i1 * s1 + i2 * s2..];
-                while i0 < n0 {
-                    let Some(s) = out.next() else { break 'bricks };
-                    sum = sum.plus(units.units(line[i0 * s0]));
+            let mut out = &mut sums[..count];
+            while !out.is_empty() {
+                let line = &voxels[i0 * s0 + i1 * s1 + i2 * s2..];
+                let (these, rest) = out.split_at_mut(out.len().min(n0 - i0));
+                for (s, &v) in these.iter_mut().zip(line.iter().step_by(s0)) {
+                    sum = sum.plus(units.units(v));
                     *s = sum;
-                    i0 += 1;
                 }
+                out = rest;
                 i0 = 0;
                 i1 += 1;
                 if i1 == n1 {
                     i1 = 0;
                     i2 += 1;
-                    if out.len() == 0 {
-                        break;
-                    }
                 }
             }
         }
@@ -296,7 +300,16 @@ impl Layout for Nested {
         } else {
             carry_small(level, p1, p2, n1 as u32);
         }
-        // places[r] is the coordinate along axes[r]; bring them to x, y, z.
+        self.turn(places);
+    }
+
+    fn lines(&self) -> Option<Lines> {
+        let [n0, n1, _] = self.extents();
+        Lines::new(n0, n1)
+    }
+
+    fn turn(&self, places: &mut [Vec<u32>; 3]) {
+        // places[r] is the coordinate along axes[r].
         match self.axes {
             [1, 0, 2] => places.swap(0, 1),
             [2, 0, 1] => places.rotate_left(1),
@@ -392,6 +405,12 @@ impl Layout for Curve {
     }
 
     fn resolve(&self, _: SimdLevel, _: &mut [Vec<u32>; 3]) {}
+
+    fn lines(&self) -> Option<Lines> {
+        None
+    }
+
+    fn turn(&self, _: &mut [Vec<u32>; 3]) {}
 }
 
 /// Any order, chosen at run time.

@@ -7,6 +7,8 @@ use serde::Serialize;
 
 use crate::SamplingError;
 use crate::offset::{BoxOffset, BsplineOffset, Offset, ShellOffset, TentOffset};
+#[cfg(target_arch = "x86_64")]
+use crate::project512::project_tent;
 use crate::real::{Real, Weights};
 use crate::simd::{SimdLevel, vectorised};
 
@@ -54,21 +56,21 @@ impl Weigh for LineWeigh {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Params<R> {
     /// Voxel coordinates of the reference point, subtracted as integers.
-    centre: [i32; 3],
-    rows: [[R; 3]; 3],
-    shift: [R; 3],
-    near: R,
-    width: R,
-    height: R,
-    stride: i32,
+    pub(crate) centre: [i32; 3],
+    pub(crate) rows: [[R; 3]; 3],
+    pub(crate) shift: [R; 3],
+    pub(crate) near: R,
+    pub(crate) width: R,
+    pub(crate) height: R,
+    pub(crate) stride: i32,
     /// Pixel index of samples that miss the image; the next one counts samples in front of the near plane.
-    miss: i32,
-    middle: [R; 2],
+    pub(crate) miss: i32,
+    pub(crate) middle: [R; 2],
     /// `|M⁻¹ (px, py, 1)|²` about the middle of the image: 1, x, y, x², xy, y².
-    stretch: [R; 6],
+    pub(crate) stretch: [R; 6],
     /// Fixed-point factor of the weight.
-    scale: R,
-    largest: R,
+    pub(crate) scale: R,
+    pub(crate) largest: R,
 }
 
 /// What does not depend on the precision.
@@ -219,6 +221,17 @@ impl Projection {
         self.bits
     }
 
+    /// The matrix and the shift that take voxels from the grid's first voxel.
+    pub(crate) fn for_first_voxel(&self) -> ([[f64; 3]; 3], [f64; 3]) {
+        let mut shift = self.shift;
+        for (shift, row) in shift.iter_mut().zip(&self.matrix) {
+            for (m, c) in row.iter().zip(self.centre) {
+                *shift -= m * f64::from(c);
+            }
+        }
+        (self.matrix, shift)
+    }
+
     pub(crate) fn params<R: Real>(&self) -> Params<R> {
         let (w, h) = (self.extent.width, self.extent.height);
         Params {
@@ -249,6 +262,10 @@ impl Projection {
 
     fn boxed<R: Real + 'static, E: Weigh + 'static>(&self, kernel: Kernel, level: SimdLevel) -> Box<dyn Project> {
         let params = self.params::<R>();
+        #[cfg(target_arch = "x86_64")]
+        if level == SimdLevel::Avx512 && kernel == Kernel::Tent && !R::DOUBLE {
+            return Box::new(Tent512::<E> { params: self.params(), kind: Default::default() });
+        }
         match kernel {
             Kernel::Box => Box::new(Projector::<R, BoxOffset, E> { params, level, kind: Default::default() }),
             Kernel::Tent => Box::new(Projector::<R, TentOffset, E> { params, level, kind: Default::default() }),
@@ -302,6 +319,30 @@ impl<R: Real, K: Offset, E: Weigh> Project for Projector<R, K, E> {
         let [x, y, z] = places;
         let [u, v, w] = uniforms;
         project_batch::<R, K, E>(self.level, &self.params, [x, y, z], [u, v, w], pixels, weights)
+    }
+}
+
+/// The `tent` kernel in 32 bits on AVX-512.
+#[cfg(target_arch = "x86_64")]
+struct Tent512<E> {
+    params: Params<f32>,
+    kind: std::marker::PhantomData<E>,
+}
+
+#[cfg(target_arch = "x86_64")]
+impl<E: Weigh> Project for Tent512<E> {
+    fn project(
+        &self,
+        places: &[Vec<u32>; 3],
+        uniforms: &[Vec<u32>; 3],
+        pixels: &mut [u32],
+        weights: &mut Weights,
+    ) -> Lost {
+        let weights = f32::slot(weights);
+        weights.resize(if E::LINE { pixels.len() } else { 0 }, 0);
+        let ([x, y, z], [u, v, w]) = (places, uniforms);
+        // SAFETY: only made for the level of AVX-512, which is only ever chosen on processors that have it.
+        unsafe { project_tent::<E>(&self.params, [x, y, z], [u, v, w], pixels, weights) }
     }
 }
 

@@ -1,5 +1,12 @@
 //! The floating-point types of the vector code, 32 and 64 bits wide.
 
+#[cfg(target_arch = "x86_64")]
+use crate::project::Params;
+
+/// A view in 32 bits and room for its weights.
+#[cfg(target_arch = "x86_64")]
+pub(crate) type Single<'a> = (&'a Params<f32>, &'a mut [u32]);
+
 /// A floating-point type of the vector code.
 pub(crate) trait Real:
     Copy
@@ -31,6 +38,9 @@ pub(crate) trait Real:
     unsafe fn to_fixed(self) -> Self::Fixed;
     /// The batch's weights of this type.
     fn slot(weights: &mut Weights) -> &mut Vec<Self::Fixed>;
+    /// The same as 32 bits, where that is the type.
+    #[cfg(target_arch = "x86_64")]
+    fn single<'a>(params: &'a Params<Self>, weights: &'a mut [Self::Fixed]) -> Option<Single<'a>>;
     /// Integer that holds a fixed-point weight: as narrow as possible, for the vector code's sake.
     type Fixed: Copy + Default + Send + Sync;
     /// Largest fixed-point weight, as a power of two.
@@ -78,6 +88,11 @@ impl Real for f32 {
     fn slot(weights: &mut Weights) -> &mut Vec<u32> {
         &mut weights.narrow
     }
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    fn single<'a>(params: &'a Params<f32>, weights: &'a mut [u32]) -> Option<Single<'a>> {
+        Some((params, weights))
+    }
     type Fixed = u32;
     const FIXED_BITS: u32 = 30;
     const DOUBLE: bool = false;
@@ -122,6 +137,11 @@ impl Real for f64 {
     #[inline(always)]
     fn slot(weights: &mut Weights) -> &mut Vec<u64> {
         &mut weights.wide
+    }
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    fn single<'a>(_: &'a Params<f64>, _: &'a mut [u64]) -> Option<Single<'a>> {
+        None
     }
     type Fixed = u64;
     const FIXED_BITS: u32 = 40;

@@ -3,6 +3,8 @@
 use mcvr_scene::Estimand;
 
 use crate::project::{CountWeigh, LineWeigh, Lost, Params, Precision, Projection, Weigh, land};
+#[cfg(target_arch = "x86_64")]
+use crate::project512::project_stored;
 use crate::real::{Real, Weights};
 use crate::simd::{SimdLevel, vectorised};
 
@@ -29,6 +31,10 @@ impl Projection {
     }
 
     fn stored<R: Real + 'static, E: Weigh + 'static>(&self, level: SimdLevel) -> Box<dyn ProjectStored> {
+        #[cfg(target_arch = "x86_64")]
+        if level == SimdLevel::Avx512 && !R::DOUBLE {
+            return Box::new(Stored512::<E> { params: self.params(), kind: Default::default() });
+        }
         Box::new(StoredProjector::<R, E> { params: self.params(), level, kind: Default::default() })
     }
 }
@@ -38,6 +44,23 @@ impl<R: Real, E: Weigh> ProjectStored for StoredProjector<R, E> {
         let weights = R::slot(weights);
         weights.resize(if E::LINE { pixels.len() } else { 0 }, R::Fixed::default());
         stored_batch::<R, E>(self.level, &self.params, positions, pixels, weights)
+    }
+}
+
+/// 32 bits on AVX-512.
+#[cfg(target_arch = "x86_64")]
+struct Stored512<E> {
+    params: Params<f32>,
+    kind: std::marker::PhantomData<E>,
+}
+
+#[cfg(target_arch = "x86_64")]
+impl<E: Weigh> ProjectStored for Stored512<E> {
+    fn project(&self, positions: [&[f32]; 3], pixels: &mut [u32], weights: &mut Weights) -> Lost {
+        let weights = f32::slot(weights);
+        weights.resize(if E::LINE { pixels.len() } else { 0 }, 0);
+        // SAFETY: only made for the level of AVX-512, which is only ever chosen on processors that have it.
+        unsafe { project_stored::<E>(&self.params, positions, pixels, weights) }
     }
 }
 

@@ -1,6 +1,7 @@
 //! Point streams: where a method's samples come from.
 
-use crate::SamplingError;
+use crate::simd::vectorised;
+use crate::{SamplingError, SimdLevel};
 
 /// Points per block: the unit of random keys and of parallel work.
 pub const BLOCK: usize = 2048;
@@ -94,10 +95,13 @@ impl Strata {
     /// Writes the targets at `fraction / 2^32` of this stratum and the following ones; agrees with [`Self::next`].
     pub fn fill(self, fraction: u32, out: &mut [u64]) {
         let mut position = self.position + (self.step >> 32) * u128::from(fraction);
-        for target in out {
-            *target = (position >> 64) as u64;
+        let (mut high, mut low) = ([0; STEPS], [0; STEPS]);
+        for (high, low) in high.iter_mut().zip(&mut low) {
+            (*high, *low) = ((position >> 64) as u64, position as u64);
             position += self.step;
         }
+        let leap = self.step * STEPS as u128;
+        steps(SimdLevel::detect(), &mut high, &mut low, [(leap >> 64) as u64, leap as u64], out);
     }
 
     /// Target at `fraction / 2^32` of this stratum; then moves on to the next.
@@ -106,6 +110,31 @@ impl Strata {
         let target = ((self.position + (self.step >> 32) * u128::from(fraction)) >> 64) as u64;
         self.position += self.step;
         target
+    }
+}
+
+/// Strata that are stepped through side by side.
+const STEPS: usize = 16;
+
+vectorised! {
+    fn steps(high: &mut [u64; STEPS], low: &mut [u64; STEPS], leap: [u64; 2], out: &mut [u64]) = steps_body
+}
+
+/// Writes the upper halves of positions that advance by `leap`, side by side.
+#[inline(always)]
+fn steps_body(high: &mut [u64; STEPS], low: &mut [u64; STEPS], leap: [u64; 2], out: &mut [u64]) {
+    let [leap_high, leap_low] = leap;
+    let mut chunks = out.chunks_exact_mut(STEPS);
+    for chunk in &mut chunks {
+        for i in 0..STEPS {
+            chunk[i] = high[i];
+            let next = low[i].wrapping_add(leap_low);
+            high[i] = high[i].wrapping_add(leap_high).wrapping_add(u64::from(next < low[i]));
+            low[i] = next;
+        }
+    }
+    for (target, high) in chunks.into_remainder().iter_mut().zip(high) {
+        *target = *high;
     }
 }
 

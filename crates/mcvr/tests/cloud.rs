@@ -12,6 +12,7 @@ use mcvr::sampling::{
     project_cloud, render, sample,
 };
 use mcvr::scene::{Camera, DensityMap, Estimand, Extent, Kernel, View, Watch};
+use mcvr::volume::Grid;
 use mcvr::{Method, Request, draw_cloud, is_cloud, read_cloud, write_cloud, write_ply};
 
 const SAMPLES: u64 = 9 * BLOCK as u64 + 77;
@@ -121,8 +122,10 @@ fn damaged_native_files_are_refused() {
         assert!(refused(&bad, "magic").contains("no point cloud"));
     }
     let mut bad = good.clone();
+    bad[8] = 3;
+    assert!(refused(&bad, "version").contains("version 3"));
     bad[8] = 2;
-    assert!(refused(&bad, "version").contains("version 2"));
+    assert!(refused(&bad, "version").contains("bricks and side"));
     bad = good.clone();
     bad[12..16].fill(255);
     assert!(refused(&bad, "header length").contains("4294967295"));
@@ -155,6 +158,92 @@ fn damaged_native_files_are_refused() {
         let at = bad.len() - 4;
         bad[at..].copy_from_slice(&value.to_le_bytes());
         assert!(refused(&bad, "position").contains("position"));
+    }
+}
+
+/// Points are the same up to the error that the cloud states, so an image differs by what crosses pixels' edges: with points of even
+/// density, of those in a pixel of side s voxels a share of about 2 error / s along each of its axes.
+#[test]
+fn a_compact_cloud_gives_the_image_of_points_that_hardly_moved() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcvr");
+    let cloud = drawn(200_000);
+    let compact = cloud.compacted().unwrap();
+    let error = compact.compact().unwrap().error();
+    assert!(compact.bytes() < cloud.bytes() * 6 / 10 && error <= 1.0 / 2048.0);
+    assert_eq!(compact.compacted().unwrap(), compact);
+    write_cloud(&compact, &path).unwrap();
+    assert!(std::fs::metadata(&path).unwrap().len() < 7 * cloud.samples());
+    assert_eq!(read_cloud(&path).unwrap(), compact);
+    for view in views() {
+        let camera = Camera::look(&view, cloud.grid(), Extent::new(57, 43).unwrap()).unwrap();
+        for estimand in Estimand::ALL {
+            let image = |cloud: &Cloud, threads, simd| {
+                let options = ProjectOptions { estimand, simd, ..ProjectOptions::default() };
+                on_threads(threads, || project_cloud(cloud, &camera, &options, &Watch::default())).unwrap()
+            };
+            let (exact, near) = (image(&cloud, 2, None), image(&compact, 1, None));
+            assert_eq!(near.image, image(&compact, 3, Some(SimdLevel::Portable)).image);
+            assert_eq!(near.counters.samples, 200_000);
+            let apart: f64 = exact.image.difference(&near.image).unwrap().values().iter().map(|d| d.abs()).sum();
+            // A voxel is no more than 6 pixels wide here, so 4 edges of a pixel pass by at most 24 errors of points on either side.
+            assert!(apart > 0.0 && apart <= 48.0 * error * exact.image.sum(), "{apart} {}", exact.image.sum());
+        }
+    }
+}
+
+#[test]
+fn damaged_compact_files_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcvr");
+    let grid = Grid::with_spacing([90, 40, 20], [1.0; 3]).unwrap();
+    let axis = |k: usize, n: f32| (0..3000).map(|i| (i * k % 997) as f32 / 997.0 * n - n / 2.0).collect();
+    let positions = [axis(7, 88.0), axis(31, 38.0), axis(113, 18.0)];
+    let compact = Cloud::new(grid, Kernel::Tent, 1.5, positions, Provenance::default()).unwrap().compacted().unwrap();
+    let bricks = compact.compact().unwrap().bricks().len();
+    assert!(bricks > 1);
+    write_cloud(&compact, &path).unwrap();
+    let good = std::fs::read(&path).unwrap();
+    let refused = |bytes: &[u8], what: &str| {
+        std::fs::write(&path, bytes).unwrap();
+        read_cloud(&path).expect_err(what).to_string()
+    };
+    let length = u32::from_le_bytes(good[12..16].try_into().unwrap()) as usize;
+    let start = 16 + length;
+    for n in (0..start + 16 * bricks + 8).chain([good.len() - 1]) {
+        refused(&good[..n], "cut");
+    }
+    refused(&[&good[..], &[0]].concat(), "too long");
+    let mut old = good.clone();
+    old[8] = 1;
+    assert!(refused(&old, "version").contains("version 1"));
+    let with = |at: usize, value: u32| {
+        let mut bad = good.clone();
+        bad[at..at + 4].copy_from_slice(&value.to_le_bytes());
+        bad
+    };
+    // A brick far away, one without points, points that are not there, bricks in disorder.
+    assert!(refused(&with(start + 16 * (bricks - 1) + 8, u32::MAX), "far").contains("axis 2"));
+    assert!(refused(&with(start + 12, 0), "empty").contains("no points"));
+    assert!(refused(&with(start + 12, u32::MAX), "many").contains("three"));
+    assert!(refused(&with(start + 8, 1 << 20), "order").contains("does not follow"));
+    let header: serde_json::Value = serde_json::from_slice(&good[16..start]).unwrap();
+    for (key, value) in [
+        ("side", serde_json::json!(0)),
+        ("side", serde_json::json!(48)),
+        ("side", serde_json::json!(null)),
+        ("bricks", serde_json::json!(0)),
+        ("bricks", serde_json::json!(u64::MAX)),
+        ("bricks", serde_json::json!(null)),
+        ("samples", serde_json::json!(u64::MAX / 6 + 1)),
+        ("dims", serde_json::json!([1, 1, 1])),
+        ("dims", serde_json::json!([1u64 << 30, 1, 1])),
+    ] {
+        let mut header = header.clone();
+        header[key] = value.clone();
+        let text = serde_json::to_vec(&header).unwrap();
+        let bytes = [&good[..12], &(text.len() as u32).to_le_bytes(), &text, &good[start..]].concat();
+        refused(&bytes, &format!("{key} {value}"));
     }
 }
 
@@ -220,6 +309,16 @@ fn sample_and_project_write_the_file_that_render_writes() {
     let bytes = |name: &str| std::fs::read(at.join(name)).unwrap();
     assert_eq!(bytes("a.npy"), bytes("b.npy"));
     assert!(bytes("c.ply").len() > 12 * 20000);
+    let record =
+        mcvr(at, &[&["sample"], &draw[..], &["--compact", "-o", "d.mcvr", "-o", "d.ply", "--json", "-"]].concat())
+            .stdout;
+    let record: serde_json::Value = serde_json::from_slice(&record).unwrap();
+    assert_eq!(record["compact"]["side"], 16);
+    assert_eq!(bytes("c.ply"), bytes("d.ply"));
+    assert!(bytes("d.mcvr").len() < bytes("c.mcvr").len() * 6 / 10);
+    mcvr(at, &[&["project", "d.mcvr", "-o", "e.npy"], &view[..]].concat());
+    assert_eq!(bytes("e.npy").len(), bytes("a.npy").len());
+    mcvr(at, &["orbit", "d.mcvr", "--frames", "2", "--size", "20x16", "-o", "turned"]);
 }
 
 #[test]

@@ -21,7 +21,8 @@ use super::{Interrupted, outputs, progress};
     mcvr project lobster.mcvr --view 30,60 -o lobster.png\n  \
     mcvr project lobster.mcvr --view=-90,0 --estimand count -o side.npy --json side.json\n\n\
     The image is that of `mcvr render --no-cull` with the cloud's options, bit for bit, where the record's precision is\n\
-    f32. Where a view needs 64-bit arithmetic, the cloud's points keep their 32 bits.")]
+    f32. Where a view needs 64-bit arithmetic, the cloud's points keep their 32 bits. A compact cloud (`mcvr sample --compact`)\n\
+    gives the image of its points, each moved by at most 1/2048 of a voxel along an axis.")]
 pub struct Args {
     /// Point cloud that `mcvr sample` wrote (.mcvr)
     #[arg(value_name = "CLOUD")]

@@ -257,7 +257,8 @@ fn scaling(_: &Context) -> Result<Finding, CaseError> {
             for e in [-1000, -1, 1, 900] {
                 let (points, scaled) = draw(e)?;
                 for axis in 0..3 {
-                    let pairs = cloud.positions()[axis].iter().zip(&points.positions()[axis]);
+                    let [these, those] = [cloud.positions(), points.positions()];
+                    let pairs = these[axis].iter().zip(&those[axis]);
                     wrong += pairs.filter(|(a, b)| a != b).count() as u64;
                 }
                 wrong += image.values().iter().zip(scaled.values()).filter(|(a, b)| a != b).count() as u64;

@@ -84,7 +84,8 @@ impl Reader {
             Reader::Cloud => {
                 let cloud = read_cloud(path).map_err(|e| text(&e))?;
                 let sound = cloud.mass().is_finite() && cloud.samples() > 0;
-                let values = cloud.positions().iter().flatten().map(|v| u64::from(v.to_bits()));
+                let positions = cloud.positions();
+                let values = positions.iter().flatten().map(|v| u64::from(v.to_bits()));
                 let grid = text_hash(&format!("{:?} {} {:?}", cloud.grid(), cloud.mass(), cloud.provenance()));
                 Ok(print([cloud.samples() as usize, 0, 0, 0], sound, values.chain([grid])))
             }
@@ -150,6 +151,10 @@ pub fn good_files(folder: &Path) -> Result<Vec<GoodFile>, CaseError> {
         GoodFile { format, reader, name, bytes, beside: None, header, text, sealed: false }
     };
     files.push(plain("point cloud", Reader::Cloud, "a.mcvr", bytes, header));
+    write_cloud(&cloud()?.compacted()?, &path)?;
+    let bytes = std::fs::read(&path)?;
+    let header = 16 + u32::from_le_bytes([bytes[12], bytes[13], bytes[14], bytes[15]]) as usize;
+    files.push(plain("compact point cloud", Reader::Cloud, "b.mcvr", bytes, header));
     let scene = SCENE.as_bytes().to_vec();
     files.push(plain("scene", Reader::Scene, "a.toml", scene, SCENE.len()));
     files.push(plain("matrix", Reader::Matrix, "a.txt", MATRIX.as_bytes().to_vec(), MATRIX.len()));

@@ -37,12 +37,13 @@ def setting(name, *args):
 # Single methods: the quickest of them that reaches an error is "best single method". Samplers are continuous.
 SINGLE = [
     ladder("qmc", ["--method", "qmc"], "--samples", [1 << k for k in range(16, 31, 2)]),
+    setting("march step 1, 1 rays", "--method", "march", "--step", "1", "--rays-a-pixel", "1"),
     *(
-        setting(f"march step {step}, {rays} rays", "--method", "march", "--step", str(step), "--rays-a-pixel", str(rays))
-        for step in (4, 2, 1, 0.5)
-        for rays in (1, 4, 9)
+        setting(f"comb step {step}, {rays} rays", "--method", "comb", "--step", str(step), "--rays-a-pixel", str(rays))
+        for rays in (1, 4)
+        for step in (8, 4, 2, 1.5, 1)
     ),
-    *(setting(f"exact, tolerance {t}", "--method", "exact", "--tolerance", str(t)) for t in (0.1, 0.01)),
+    *(setting(f"rays, {rays}", "--method", "rays", "--rays-a-pixel", str(rays)) for rays in (1, 4, 9)),
 ]
 
 # The program's own choice, for each error.

@@ -49,24 +49,29 @@ pub(crate) fn over_pixels(wide: &Image, camera: &Camera, n: u32) -> Result<Image
     Image::from_values(extent, out)
 }
 
-/// The mean over one pixel of an image that is `width` wide, at a place with [`MARGIN`] pixels around it.
-pub(crate) fn at(values: &[f64], width: usize, place: usize, n: u32) -> f64 {
-    let c = stencil(f64::from(n));
-    let mut sum = 0.0;
-    for y in 0..5usize {
-        for x in 0..5usize {
-            sum += c[x.abs_diff(2)] * c[y.abs_diff(2)] * values[place + x + width * y - 2 - 2 * width];
-        }
-    }
-    sum
+/// By what factor averaging lowers errors that are independent from pixel to pixel, for one ray a pixel.
+pub(crate) fn noise() -> f64 {
+    let [c0, c1, c2] = stencil(1.0);
+    c0 * c0 + 2.0 * (c1 * c1 + c2 * c2)
 }
 
-/// The first two terms of the difference between mean and value there.
-pub(crate) fn bends(values: &[f64], width: usize, place: usize) -> [f64; 2] {
-    let v = |by: isize, stride: usize| values[place.wrapping_add_signed(by * stride as isize)];
-    let second = |stride: usize| v(-1, stride) - 2.0 * v(0, stride) + v(1, stride);
-    let fourth = |s: usize| v(-2, s) - 4.0 * v(-1, s) + 6.0 * v(0, s) - 4.0 * v(1, s) + v(2, s);
-    [(second(1) + second(width)) / 24.0, (fourth(1) + fourth(width)) * 17.0 / 5760.0]
+/// Mean squares, over a square of values, of the first two terms of the difference between mean and value: those of second and of
+/// fourth differences, along both axes.
+pub(crate) fn bends(values: &[f64], side: usize) -> [f64; 2] {
+    let mut sums = [0.0; 2];
+    for line in 0..side {
+        for (first, step) in [(line * side, 1), (line, side)] {
+            let v = |n: usize| values[first + n * step];
+            for n in 1..side - 1 {
+                sums[0] += ((v(n - 1) - 2.0 * v(n) + v(n + 1)) / 24.0).powi(2);
+            }
+            for n in 2..side - 2 {
+                let fourth = v(n - 2) - 4.0 * v(n - 1) + 6.0 * v(n) - 4.0 * v(n + 1) + v(n + 2);
+                sums[1] += (fourth * 17.0 / 5760.0).powi(2);
+            }
+        }
+    }
+    [sums[0] / (side * (side - 2)) as f64, sums[1] / (side * (side - 4)) as f64]
 }
 
 #[cfg(test)]

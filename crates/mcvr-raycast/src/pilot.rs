@@ -76,46 +76,34 @@ impl Pilot {
         // From a mean over the tiles looked at to one over the image: the others are dark.
         let share = (full.len() * TILE * TILE) as f64 / pixels;
         let mean = share.min(1.0) * exact.iter().flatten().sum::<f64>() / (exact.len() * TILE * TILE).max(1) as f64;
-        let rms = |sum: f64| (share.min(1.0) * sum / (exact.len() * INNER * INNER).max(1) as f64).sqrt() / mean;
+        let rms = |square: f64| (share.min(1.0) * square).sqrt() / mean;
+        let tiles = exact.len().max(1) as f64;
         for distance in Self::DISTANCES {
             let (comb, work) = cast(Along::Comb(distance * spacing), true);
             if distance == 1.0 {
                 steps = work.evaluations;
             }
-            let error = comb.iter().zip(&exact).map(|(c, e)| {
-                let difference: Vec<f64> = c.iter().zip(e).map(|(c, e)| c - e).collect();
-                inner().map(|at| average::at(&difference, TILE, at, 1).powi(2)).sum::<f64>()
-            });
-            combs.push((distance, rms(error.sum())));
+            let all = comb.iter().flatten().zip(exact.iter().flatten());
+            let square = all.map(|(c, e)| (c - e) * (c - e)).sum::<f64>() / (tiles * (TILE * TILE) as f64);
+            combs.push((distance, average::noise() * rms(square)));
         }
         if watch.cancelled() {
             return Err(RaycastError::Cancelled);
         }
-        let bend = |which: usize| {
-            let all = exact.iter().map(|e| inner().map(|at| average::bends(e, TILE, at)[which].powi(2)).sum::<f64>());
-            rms(all.sum())
-        };
+        let bends = exact.iter().map(|e| average::bends(e, TILE));
+        let [bend, bend_twice] = bends.fold([0.0; 2], |sum, b| [sum[0] + b[0] / tiles, sum[1] + b[1] / tiles]).map(rms);
         let rays = exact_work.rays.max(1) as f64;
         Ok(Some(Self {
             tiles: full.len() as u64,
             looked_at: chosen.len() as u64,
             pixels: pixels as u64,
             mean,
-            bend: bend(0),
-            bend_twice: bend(1),
+            bend,
+            bend_twice,
             combs,
             steps: steps as f64 / rays,
             cells: exact_work.cells as f64 / rays,
             counters,
         }))
     }
-}
-
-/// Pixels along a side of a tile whose neighbours two pixels away are in it as well.
-const INNER: usize = TILE - 2 * average::MARGIN;
-
-/// Their places in a tile's values.
-fn inner() -> impl Iterator<Item = usize> {
-    let side = average::MARGIN..TILE - average::MARGIN;
-    side.clone().flat_map(move |y| side.clone().map(move |x| x + TILE * y))
 }

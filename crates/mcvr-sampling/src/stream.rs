@@ -98,9 +98,10 @@ impl Strata {
         let (mut high, mut low) = ([0; STEPS], [0; STEPS]);
         for (high, low) in high.iter_mut().zip(&mut low) {
             (*high, *low) = ((position >> 64) as u64, position as u64);
-            position += self.step;
+            // Positions beyond the last stratum may wrap; no target is made of them.
+            position = position.wrapping_add(self.step);
         }
-        let leap = self.step * STEPS as u128;
+        let leap = self.step.wrapping_mul(STEPS as u128);
         steps(SimdLevel::detect(), &mut high, &mut low, [(leap >> 64) as u64, leap as u64], out);
     }
 

@@ -20,6 +20,12 @@ pub enum Contestant {
     Cloud,
     /// The ray march with this step in voxels; the budget counts rays.
     March(f64),
+    /// A few rays a pixel, exact in depth; the budget counts rays.
+    Rays,
+    /// Combs of samples this many voxels apart; the budget counts rays.
+    Comb(f64),
+    /// Whatever the program chooses; the budget is 1 over the error asked for.
+    Auto,
     /// Exact ray casting; the budget is 1 over the tolerance.
     Exact,
 }
@@ -37,13 +43,16 @@ pub struct Timed<'a> {
 }
 
 impl Contestant {
-    /// Stable name: `mc`, `qmc`, `qmc-cloud`, `march`, `march-0p5`, `exact`.
+    /// Stable name: `mc`, `qmc`, `qmc-cloud`, `march`, `march-0p5`, `rays`, `comb-4`, `auto`, `exact`.
     pub fn name(self) -> String {
         match self {
             Contestant::Sampler(method) => method.name().to_owned(),
             Contestant::Cloud => "qmc-cloud".to_owned(),
             Contestant::March(1.0) => "march".to_owned(),
             Contestant::March(step) => format!("march-{}", step.to_string().replace('.', "p")),
+            Contestant::Rays => "rays".to_owned(),
+            Contestant::Comb(step) => format!("comb-{}", step.to_string().replace('.', "p")),
+            Contestant::Auto => "auto".to_owned(),
             Contestant::Exact => "exact".to_owned(),
         }
     }
@@ -54,6 +63,9 @@ impl Contestant {
             Contestant::Sampler(method) => method.label().to_owned(),
             Contestant::Cloud => "quasi-Monte Carlo, kept cloud".to_owned(),
             Contestant::March(step) => format!("ray march, {step}-voxel step"),
+            Contestant::Rays => Method::Rays.label().to_owned(),
+            Contestant::Comb(step) => format!("comb, {step} voxels apart"),
+            Contestant::Auto => Method::Auto.label().to_owned(),
             Contestant::Exact => Method::Exact.label().to_owned(),
         }
     }
@@ -125,7 +137,7 @@ impl mcvr_harness::Method for Timed<'_> {
         match self.contestant {
             Contestant::Sampler(method) => method.expected_slope(),
             Contestant::Cloud => Method::Qmc.expected_slope(),
-            Contestant::March(_) | Contestant::Exact => None,
+            Contestant::March(_) | Contestant::Rays | Contestant::Comb(_) | Contestant::Auto | Contestant::Exact => None,
         }
     }
 
@@ -134,6 +146,9 @@ impl mcvr_harness::Method for Timed<'_> {
         self.pool.install(|| match self.contestant {
             Contestant::Sampler(method) => self.image(&Request { method, ..request }),
             Contestant::March(step) => self.image(&Request { method: Method::March, step, ..request }),
+            Contestant::Rays => self.image(&Request { method: Method::Rays, ..request }),
+            Contestant::Comb(step) => self.image(&Request { method: Method::Comb, step, ..request }),
+            Contestant::Auto => self.image(&Request { method: Method::Auto, error: 1.0 / samples as f64, ..request }),
             Contestant::Exact => {
                 self.image(&Request { method: Method::Exact, tolerance: 1.0 / samples as f64, ..request })
             }
@@ -144,7 +159,8 @@ impl mcvr_harness::Method for Timed<'_> {
     fn budget_unit(&self) -> &'static str {
         match self.contestant {
             Contestant::Sampler(_) | Contestant::Cloud => "samples",
-            Contestant::March(_) => "rays",
+            Contestant::March(_) | Contestant::Rays | Contestant::Comb(_) => "rays",
+            Contestant::Auto => "1/error",
             Contestant::Exact => "1/tolerance",
         }
     }

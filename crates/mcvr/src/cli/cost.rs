@@ -37,12 +37,13 @@ pub struct Args {
     /// Phantoms: measure this one at each of these sizes (voxels along the longest axis)
     #[arg(long, value_name = "LIST", value_delimiter = ',', help_heading = "Volume")]
     sizes: Vec<usize>,
-    /// Methods: mc, mc-quicksort, mc-binary, mc-linear, stratified, qmc, cloud (kept points, projected), march, exact
+    /// Methods: mc, mc-quicksort, mc-binary, mc-linear, stratified, qmc, cloud (kept points, projected), rays, comb, march,
+    /// auto (whatever is chosen for each error), exact
     #[arg(
         long,
         value_name = "LIST",
         value_delimiter = ',',
-        default_value = "mc,stratified,qmc,march,exact,cloud,mc-quicksort",
+        default_value = "mc,stratified,qmc,rays,comb,march,auto,exact,cloud,mc-quicksort",
         value_parser = entry,
         help_heading = "Method"
     )]
@@ -58,6 +59,9 @@ pub struct Args {
     /// March: steps in voxels, each with 1, 4, 9 and 16 rays a pixel
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "2,1,0.5", help_heading = "Method")]
     steps: Vec<f64>,
+    /// Comb: distances of samples in voxels, each with 1, 4 and 9 rays a pixel
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "8,4,2", help_heading = "Method")]
+    combs: Vec<f64>,
     /// Exact: tolerances
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "0.1,0.01,0.001", help_heading = "Method")]
     tolerances: Vec<f64>,
@@ -88,7 +92,10 @@ pub struct Args {
 enum Entry {
     Sampler(Method),
     Cloud,
+    Rays,
+    Comb,
     March,
+    Auto,
     Exact,
 }
 
@@ -96,6 +103,9 @@ fn entry(text: &str) -> Result<Entry, String> {
     match text {
         "cloud" | "qmc-cloud" => Ok(Entry::Cloud),
         "march" => Ok(Entry::March),
+        "rays" => Ok(Entry::Rays),
+        "comb" => Ok(Entry::Comb),
+        "auto" => Ok(Entry::Auto),
         "exact" => Ok(Entry::Exact),
         other => other.parse().map(Entry::Sampler).map_err(|e| format!("{e}, cloud")),
     }
@@ -168,6 +178,7 @@ fn check(args: &Args, samples: &[u64]) -> anyhow::Result<()> {
         None => Ok(()),
     };
     positive("--steps", &args.steps)?;
+    positive("--combs", &args.combs)?;
     positive("--targets", &args.targets)?;
     positive("--longest", &[args.longest])?;
     positive("--tolerances", &args.tolerances)?;
@@ -259,6 +270,9 @@ fn contestants(args: &Args) -> Vec<Contestant> {
             Entry::Sampler(method) => vec![Contestant::Sampler(*method)],
             Entry::Cloud => vec![Contestant::Cloud],
             Entry::Exact => vec![Contestant::Exact],
+            Entry::Rays => vec![Contestant::Rays],
+            Entry::Auto => vec![Contestant::Auto],
+            Entry::Comb => args.combs.iter().map(|&s| Contestant::Comb(s)).collect(),
             Entry::March => args.steps.iter().map(|&s| Contestant::March(s)).collect(),
         })
         .collect()
@@ -271,6 +285,8 @@ fn ladder(args: &Args, contestant: Contestant, samples: &[u64], pixels: u64) -> 
             samples.iter().copied().filter(|&m| m <= contestant.most()).collect()
         }
         Contestant::March(_) => [1, 4, 9, 16].iter().map(|rays| rays * pixels).collect(),
+        Contestant::Rays | Contestant::Comb(_) => [1, 4, 9].iter().map(|rays| rays * pixels).collect(),
+        Contestant::Auto => args.targets.iter().map(|percent| (100.0 / percent).round() as u64).collect(),
         Contestant::Exact => args.tolerances.iter().map(|t| (1.0 / t).round() as u64).collect(),
     };
     budgets.sort_unstable();
@@ -310,7 +326,7 @@ fn measure(
         let timed: Vec<(Contestant, usize, Timed<'_>)> = pools
             .iter()
             .flat_map(|pool| contestants(args).into_iter().map(move |c| (c, pool)))
-            .filter(|(c, _)| truth.is_some() || *c != Contestant::Exact)
+            .filter(|(c, _)| truth.is_some() || !matches!(c, Contestant::Exact | Contestant::Auto))
             .map(|(c, pool)| (c, pool.current_num_threads(), Timed::new(c, scenery, setup.request, pool, Some(cancel))))
             .collect();
         let entrants: Vec<Entrant<'_>> = timed

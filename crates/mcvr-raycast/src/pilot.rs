@@ -6,7 +6,7 @@ use rand_pcg::Pcg64Dxsm;
 use serde::Serialize;
 
 use crate::average;
-use crate::packet::{Along, Packets, Plan, TILE};
+use crate::packet::{Along, Look, Packets, TILE};
 use crate::points::Points;
 use crate::{Counters, RaycastError};
 
@@ -40,8 +40,8 @@ impl Pilot {
     /// Distances of the combs that are tried.
     pub const DISTANCES: [f64; 7] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0];
 
-    /// Looks at up to `tiles` tiles of the image of `tent`, chosen at random by `seed`; `None` where rays are not cast in packets.
-    /// The same numbers for any number of threads.
+    /// Looks at up to `tiles` tiles of the image of `tent`, chosen at random by `seed`; `None` where rays are not cast in packets. Combs
+    /// are tried from the widest on until one leaves an error of at most `enough`. The same numbers for any number of threads.
     ///
     /// # Errors
     /// [`RaycastError::Cancelled`] when `watch` said so.
@@ -49,51 +49,69 @@ impl Pilot {
         density: &Density,
         camera: &Camera,
         estimand: Estimand,
-        tiles: usize,
+        (tiles, enough): (usize, f64),
         seed: u64,
         watch: &Watch,
     ) -> Result<Option<Self>, RaycastError> {
-        let packets = Packets::new(density);
-        let Some(full) = packets.occupied_tiles(camera, estimand) else { return Ok(None) };
-        // Far from tile to tile, so that few see much.
+        let spacing = density.volume().grid().spacing().min_element();
+        let pixels = camera.extent().pixels();
+        let sight = Sight { tiles, enough, seed, spacing, pixels };
+        let pilot = Packets::new(density).look(camera, estimand, watch, sight);
+        if watch.cancelled() { Err(RaycastError::Cancelled) } else { Ok(pilot) }
+    }
+}
+
+/// What a pilot is to look at.
+struct Sight {
+    tiles: usize,
+    enough: f64,
+    seed: u64,
+    spacing: f64,
+    pixels: usize,
+}
+
+impl Look for Sight {
+    type Out = Pilot;
+
+    fn run(
+        self,
+        full: &[(usize, usize)],
+        cast: &dyn Fn(Along, &Points, &[(usize, usize)]) -> (Vec<Vec<f64>>, Counters),
+    ) -> Pilot {
+        let Self { tiles, enough, seed, spacing, pixels } = self;
         let mut random = Pcg64Dxsm::new(u128::from(seed), 0x7069_6c6f_74);
         let mut chosen: Vec<usize> = sample(&mut random, full.len(), tiles.min(full.len())).into_vec();
         chosen.sort_unstable();
         let chosen: Vec<(usize, usize)> = chosen.into_iter().map(|n| full[n]).collect();
-        let mut counters = Counters::default();
-        let mut cast = |along: Along, phase: bool| {
-            let plan = Plan { along, points: Points::new(1, false, phase, seed), estimand };
-            // Served above, so the fallback is never used.
-            let (values, work) = packets.tiles(camera, &plan, &chosen, watch).unwrap_or_default();
-            counters += work;
-            (values, work)
-        };
-        let (exact, exact_work) = cast(Along::Exact, false);
-        let spacing = density.volume().grid().spacing().min_element();
-        let mut steps = 0;
-        let mut combs = vec![];
-        let pixels = camera.extent().pixels() as f64;
+        let points = |phase: bool| Points::new(1, false, phase, seed);
+        let (exact, exact_work) = cast(Along::Exact, &points(false), &chosen);
+        let mut counters = exact_work;
+        let looked_at = exact.len().max(1) as f64;
+        let in_tile = (TILE * TILE) as f64;
         // From a mean over the tiles looked at to one over the image: the others are dark.
-        let share = (full.len() * TILE * TILE) as f64 / pixels;
-        let mean = share.min(1.0) * exact.iter().flatten().sum::<f64>() / (exact.len() * TILE * TILE).max(1) as f64;
-        let rms = |square: f64| (share.min(1.0) * square).sqrt() / mean;
-        let tiles = exact.len().max(1) as f64;
-        for distance in Self::DISTANCES {
-            let (comb, work) = cast(Along::Comb(distance * spacing), true);
-            if distance == 1.0 {
-                steps = work.evaluations;
-            }
+        let share = (full.len() as f64 * in_tile / pixels as f64).min(1.0);
+        let mean = share * exact.iter().flatten().sum::<f64>() / (looked_at * in_tile);
+        let rms = |square: f64| (share * square).sqrt() / mean;
+        let mut steps = 0.0;
+        let mut combs = vec![];
+        for distance in Pilot::DISTANCES.into_iter().rev() {
+            let (comb, work) = cast(Along::Comb(distance * spacing), &points(true), &chosen);
+            counters += work;
+            steps = work.evaluations as f64 * distance;
             let all = comb.iter().flatten().zip(exact.iter().flatten());
-            let square = all.map(|(c, e)| (c - e) * (c - e)).sum::<f64>() / (tiles * (TILE * TILE) as f64);
-            combs.push((distance, average::noise() * rms(square)));
+            let square = all.map(|(c, e)| (c - e) * (c - e)).sum::<f64>() / (looked_at * in_tile);
+            let error = average::noise() * rms(square);
+            combs.push((distance, error));
+            if error <= enough {
+                break;
+            }
         }
-        if watch.cancelled() {
-            return Err(RaycastError::Cancelled);
-        }
+        combs.reverse();
         let bends = exact.iter().map(|e| average::bends(e, TILE));
-        let [bend, bend_twice] = bends.fold([0.0; 2], |sum, b| [sum[0] + b[0] / tiles, sum[1] + b[1] / tiles]).map(rms);
+        let sums = bends.fold([0.0; 2], |sum, b| [sum[0] + b[0] / looked_at, sum[1] + b[1] / looked_at]);
+        let [bend, bend_twice] = sums.map(rms);
         let rays = exact_work.rays.max(1) as f64;
-        Ok(Some(Self {
+        Pilot {
             tiles: full.len() as u64,
             looked_at: chosen.len() as u64,
             pixels: pixels as u64,
@@ -101,9 +119,9 @@ impl Pilot {
             bend,
             bend_twice,
             combs,
-            steps: steps as f64 / rays,
+            steps: steps / rays,
             cells: exact_work.cells as f64 / rays,
             counters,
-        }))
+        }
     }
 }

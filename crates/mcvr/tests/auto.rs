@@ -56,10 +56,10 @@ fn the_choice_follows_the_error_and_not_the_threads() {
     for error in [0.2, 0.05, 0.01, 0.002, 0.0005] {
         let choice = of(1, error);
         assert_eq!(choice, of(4, error));
-        assert!(choice.reaches && choice.chosen.error <= error, "{error}: {:?}", choice.chosen);
+        assert!(choice.reaches && choice.chosen.error <= error * 1.000001, "{error}: {:?}", choice.chosen);
         assert!(choice.chosen.seconds >= last, "{error}: less error for less time");
         last = choice.chosen.seconds;
-        assert!(choice.runners_up.iter().all(|c| c.seconds >= last && c.error <= error && c.method != choice.chosen.method));
+        assert!(choice.runners_up.iter().all(|c| c.seconds >= last && c.error <= error * 1.000001 && c.method != choice.chosen.method));
     }
 }
 

@@ -36,6 +36,7 @@ pub(crate) struct Plan {
 }
 
 /// A density's trilinear field, ready for packets.
+#[derive(Clone, Copy)]
 pub(crate) struct Packets<'a> {
     density: &'a Density,
     level: Level,
@@ -58,123 +59,154 @@ impl<'a> Packets<'a> {
     /// Casts an image; `None` where packets do not serve the density. The same bits for any number of threads and on any
     /// instructions.
     pub fn image(&self, camera: &Camera, plan: &Plan, watch: &Watch) -> Option<(Image, Counters)> {
-        with_corners(self.density, Job { packets: self, camera, plan, watch, only: None }).map(|made| match made {
-            Made::Image(image, counters) => (image, counters),
-            // Not asked for.
-            Made::Tiles(_, counters) => (Image::zeros(camera.extent()), counters),
-        })
+        with_corners(self.density, Whole { packets: self, camera, plan, watch })
     }
 
-    /// Casts some tiles of an image, given by column and row of tiles: their values row by row, 0 beyond the image's edge.
-    pub fn tiles(
+    /// Runs `visit` on the tiles of an image; `None` where packets do not serve the density.
+    pub fn look<V: Look>(&self, camera: &Camera, estimand: Estimand, watch: &Watch, visit: V) -> Option<V::Out> {
+        with_corners(self.density, Parts { packets: self, camera, estimand, watch, visit })
+    }
+}
+
+/// Code that looks at tiles of an image.
+pub(crate) trait Look {
+    type Out;
+
+    /// `full` are the columns and rows of the tiles whose rays can meet density; `cast` gives the values of some of them, row by row and 0
+    /// beyond the image's edge.
+    fn run(
+        self,
+        full: &[(usize, usize)],
+        cast: &dyn Fn(Along, &Points, &[(usize, usize)]) -> (Vec<Vec<f64>>, Counters),
+    ) -> Self::Out;
+}
+
+/// What is the same for all rays of a view.
+struct Ready<'a, 'w, T, W> {
+    field: &'w Corners<'a, T, W>,
+    tiles: Tiles,
+    view: View,
+    smallest: f64,
+    level: Level,
+    camera: &'w Camera,
+    watch: &'w Watch<'w>,
+}
+
+impl<'a, 'w, T: Voxel, W: Weights<T>> Ready<'a, 'w, T, W> {
+    fn new(
+        packets: &Packets<'_>,
+        field: &'w Corners<'a, T, W>,
+        camera: &'w Camera,
+        estimand: Estimand,
+        watch: &'w Watch<'w>,
+    ) -> Self {
+        let Packets { density, level } = *packets;
+        let grid = density.volume().grid();
+        let view = View::new(camera, grid, estimand, density.mass(), 1.0);
+        let tiles = Tiles::new(density.occupancy(), camera, grid, view.depth());
+        Self { field, tiles, view, smallest: grid.spacing().min_element(), level, camera, watch }
+    }
+
+    fn optics(&self, along: Along) -> Optics {
+        let spacing = match along {
+            Along::Comb(spacing) => spacing,
+            Along::Exact => self.smallest,
+        };
+        Optics::new(&self.view, &self.tiles, spacing)
+    }
+
+    /// Casts the tiles of some columns of a row of tiles into the rows of pixels that they cover.
+    fn cast(
         &self,
-        camera: &Camera,
-        plan: &Plan,
-        tiles: &[(usize, usize)],
-        watch: &Watch,
-    ) -> Option<(Vec<Vec<f64>>, Counters)> {
-        with_corners(self.density, Job { packets: self, camera, plan, watch, only: Some(tiles) }).map(|made| match made {
-            Made::Tiles(values, counters) => (values, counters),
-            // Not asked for.
-            Made::Image(_, counters) => (vec![], counters),
-        })
+        (along, optics, points): (Along, &Optics, &Points),
+        row: usize,
+        columns: Range<usize>,
+        out: &mut [f64],
+    ) -> (Counters, Work) {
+        let width = self.camera.extent().width;
+        let band = Band { field: self.field, optics, tiles: &self.tiles, points, width, watch: self.watch };
+        let mut work = (Counters::default(), Work::default());
+        match (along == Along::Exact, self.view.squared()) {
+            (false, false) => band.run::<false, false>(self.level, row, columns, out, &mut work),
+            (false, true) => band.run::<false, true>(self.level, row, columns, out, &mut work),
+            (true, false) => band.run::<true, false>(self.level, row, columns, out, &mut work),
+            (true, true) => band.run::<true, true>(self.level, row, columns, out, &mut work),
+        }
+        work
     }
 
-    /// Tiles, by column and row, whose rays can meet density; `None` where packets do not serve the density.
-    pub fn occupied_tiles(&self, camera: &Camera, estimand: Estimand) -> Option<Vec<(usize, usize)>> {
-        with_corners(self.density, Served)?;
-        let grid = self.density.volume().grid();
-        let view = View::new(camera, grid, estimand, self.density.mass(), 1.0);
-        Some(Tiles::new(self.density.occupancy(), camera, grid, view.depth()).occupied())
+    fn sum(&self, work: Vec<(Counters, Work)>) -> Counters {
+        let points = if self.view.squared() { 3 } else { 2 };
+        let mut counters = Counters::default();
+        for (mut c, w) in work {
+            c.cells = w.cells;
+            c.evaluations = w.evaluations + points * w.cells;
+            c.voxel_reads = 8 * (w.evaluations + w.cells - w.border.cells) + w.border.reads;
+            counters += c;
+        }
+        counters
     }
 }
 
-/// Whether packets serve a density.
-struct Served;
-
-impl<'a> Visit<'a> for Served {
-    type Out = ();
-
-    fn run<T: Voxel, W: Weights<T> + Send + 'a>(self, _: Corners<'a, T, W>) {}
-}
-
-/// What a job was asked for.
-enum Made {
-    Image(Image, Counters),
-    Tiles(Vec<Vec<f64>>, Counters),
-}
-
-struct Job<'a, 'w> {
+struct Whole<'a, 'w> {
     packets: &'w Packets<'a>,
     camera: &'w Camera,
     plan: &'w Plan,
     watch: &'w Watch<'w>,
-    /// These tiles instead of the whole image.
-    only: Option<&'w [(usize, usize)]>,
 }
 
-impl<'a> Visit<'a> for Job<'_, '_> {
-    type Out = Made;
+impl<'a> Visit<'a> for Whole<'_, '_> {
+    type Out = (Image, Counters);
 
     fn run<T: Voxel, W: Weights<T> + Send + 'a>(self, field: Corners<'a, T, W>) -> Self::Out {
-        let Self { packets, camera, plan, watch, only } = self;
-        let (density, level) = (packets.density, packets.level);
-        let grid = density.volume().grid();
-        let view = View::new(camera, grid, plan.estimand, density.mass(), 1.0);
-        let spacing = match plan.along {
-            Along::Comb(spacing) => spacing,
-            Along::Exact => grid.spacing().min_element(),
-        };
-        let tiles = Tiles::new(density.occupancy(), camera, grid, view.depth());
-        let optics = Optics::new(&view, &tiles, spacing);
+        let Self { packets, camera, plan, watch } = self;
+        let ready = Ready::new(packets, &field, camera, plan.estimand, watch);
+        let optics = ready.optics(plan.along);
         let width = camera.extent().width;
-        let band = Band { field: &field, optics: &optics, tiles: &tiles, points: &plan.points, width, watch };
-        let exact = plan.along == Along::Exact;
-        let cast = |row: usize, columns: Range<usize>, out: &mut [f64]| {
-            let mut work = (Counters::default(), Work::default());
-            match (exact, view.squared()) {
-                (false, false) => band.run::<false, false>(level, row, columns, out, &mut work),
-                (false, true) => band.run::<false, true>(level, row, columns, out, &mut work),
-                (true, false) => band.run::<true, false>(level, row, columns, out, &mut work),
-                (true, true) => band.run::<true, true>(level, row, columns, out, &mut work),
-            }
-            work
-        };
-        let sum = |work: Vec<(Counters, Work)>| {
-            let points = if view.squared() { 3 } else { 2 };
-            let mut counters = Counters::default();
-            for (mut c, w) in work {
-                c.cells = w.cells;
-                c.evaluations = w.evaluations + points * w.cells;
-                c.voxel_reads = 8 * (w.evaluations + w.cells - w.border.cells) + w.border.reads;
-                counters += c;
-            }
-            counters
-        };
-        if let Some(only) = only {
-            let one = |&(column, row): &(usize, usize)| {
-                let height = TILE.min(camera.extent().height - row * TILE);
-                let wide = TILE.min(width - column * TILE);
-                let mut band = vec![0.0; height * width];
-                let work = cast(row, column..column + 1, &mut band);
-                let mut values = vec![0.0; TILE * TILE];
-                for y in 0..height {
-                    values[TILE * y..][..wide].copy_from_slice(&band[y * width + column * TILE..][..wide]);
-                }
-                (values, work)
-            };
-            let (values, work) = only.par_iter().map(one).unzip();
-            return Made::Tiles(values, sum(work));
-        }
         let mut image = Image::zeros(camera.extent());
         let rows = image.values_mut().par_chunks_mut(TILE * width).enumerate().with_max_len(1);
         let work = rows.map(|(row, out)| {
-            let work = cast(row, 0..width.div_ceil(TILE), out);
+            let work = ready.cast((plan.along, &optics, &plan.points), row, 0..width.div_ceil(TILE), out);
             watch.advance((out.len() / width) as u64);
             work
         });
         let work = work.collect();
-        Made::Image(image, sum(work))
+        (image, ready.sum(work))
+    }
+}
+
+struct Parts<'a, 'w, V> {
+    packets: &'w Packets<'a>,
+    camera: &'w Camera,
+    estimand: Estimand,
+    watch: &'w Watch<'w>,
+    visit: V,
+}
+
+impl<'a, V: Look> Visit<'a> for Parts<'_, '_, V> {
+    type Out = V::Out;
+
+    fn run<T: Voxel, W: Weights<T> + Send + 'a>(self, field: Corners<'a, T, W>) -> Self::Out {
+        let Self { packets, camera, estimand, watch, visit } = self;
+        let ready = Ready::new(packets, &field, camera, estimand, watch);
+        let extent = camera.extent();
+        let cast = |along: Along, points: &Points, tiles: &[(usize, usize)]| {
+            let optics = ready.optics(along);
+            let one = |&(column, row): &(usize, usize)| {
+                let height = TILE.min(extent.height - row * TILE);
+                let wide = TILE.min(extent.width - column * TILE);
+                let mut band = vec![0.0; height * extent.width];
+                let work = ready.cast((along, &optics, points), row, column..column + 1, &mut band);
+                let mut values = vec![0.0; TILE * TILE];
+                for y in 0..height {
+                    values[TILE * y..][..wide].copy_from_slice(&band[y * extent.width + column * TILE..][..wide]);
+                }
+                (values, work)
+            };
+            let (values, work) = tiles.par_iter().map(one).unzip();
+            (values, ready.sum(work))
+        };
+        visit.run(&ready.tiles.occupied(), &cast)
     }
 }
 

@@ -21,5 +21,5 @@ mod weigh;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
-pub(crate) use driver::{Along, Packets, Plan};
+pub(crate) use driver::{Along, Look, Packets, Plan};
 pub(crate) use tiles::TILE;

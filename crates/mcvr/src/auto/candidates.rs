@@ -93,7 +93,12 @@ fn widest(pilot: &Pilot, most: f64) -> Option<(f64, f64)> {
             continue;
         }
         if low > 0.0 && low <= most && high > low {
-            let power = (high / low).ln() / (b / a).ln();
+            // Distances that fit the grid leave less than those between them, so that no steep fall is trusted.
+            let power = ((high / low).ln() / (b / a).ln()).min(2.5);
+            let low = high * (a / b).powf(power);
+            if low > most {
+                break;
+            }
             best = (a * (most / low).powf(1.0 / power), most);
         }
         break;

@@ -45,8 +45,14 @@ pub struct Choice {
     pub reaches: bool,
 }
 
-/// Tiles that a pilot looks at: few of a small image, as many as tell an error within about a quarter else.
-const TILES: usize = 48;
+/// Tiles that a pilot looks at: more where the image itself will take longer.
+fn tiles(error: f64) -> usize {
+    match error {
+        e if e >= 0.05 => 24,
+        e if e >= 0.02 => 32,
+        _ => 64,
+    }
+}
 
 /// Chooses how to reach an error (RMSE over the mean pixel) at the request's kernel and estimand.
 ///
@@ -61,19 +67,22 @@ pub fn choose(
     let camera = &scenery.camera;
     let plain = scenery.effects.look(density.volume().grid(), camera)?.is_plain();
     let pilot = if plain && request.kernel == Kernel::Tent {
-        Pilot::look(density, camera, request.estimand, TILES, request.seed, watch)?
+        let sight = (tiles(request.error), 0.4 * request.error);
+        Pilot::look(density, camera, request.estimand, sight, request.seed, watch)?
     } else {
         None
     };
     let pixels = camera.extent().pixels() as u64;
     let mut all = candidates(density.volume(), pixels, pilot.as_ref(), request.error);
     all.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
-    let reaching = all.iter().position(|c| c.error <= request.error);
+    // Settings between those tried are solved for the error itself, but for rounding.
+    let reaches = |c: &Candidate| c.error <= request.error * (1.0 + 1e-9);
+    let reaching = all.iter().position(reaches);
     let most_accurate = || (0..all.len()).min_by(|a, b| all[*a].error.total_cmp(&all[*b].error));
     let best = reaching.or_else(most_accurate).unwrap_or(0);
     let chosen = all.remove(best);
     let mut runners_up: Vec<Candidate> = vec![];
-    for c in all.into_iter().filter(|c| c.error <= request.error && c.method != chosen.method) {
+    for c in all.into_iter().filter(|c| reaches(c) && c.method != chosen.method) {
         if runners_up.iter().all(|r| r.method != c.method) {
             runners_up.push(c);
         }

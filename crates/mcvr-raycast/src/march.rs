@@ -157,8 +157,7 @@ pub(crate) fn averaged(
     let start = Instant::now();
     let wide = camera.with_margin(average::MARGIN).map_err(|e| RaycastError::Image(e.to_string()))?;
     let MarchImage { image, counters, .. } = cast(&wide)?;
-    let image =
-        average::over_pixels(&image, camera, rays.isqrt()).map_err(|e| RaycastError::Image(e.to_string()))?;
+    let image = average::over_pixels(&image, camera, rays.isqrt()).map_err(|e| RaycastError::Image(e.to_string()))?;
     Ok(MarchImage { image, counters, seconds: start.elapsed().as_secs_f64() })
 }
 

@@ -6,7 +6,7 @@ use rand_pcg::Pcg64Dxsm;
 use serde::Serialize;
 
 use crate::average;
-use crate::packet::{Along, Look, Packets, TILE};
+use crate::packet::{Along, Cast, Look, Packets, TILE};
 use crate::points::Points;
 use crate::{Counters, RaycastError};
 
@@ -73,13 +73,9 @@ struct Sight {
 impl Look for Sight {
     type Out = Pilot;
 
-    fn run(
-        self,
-        full: &[(usize, usize)],
-        cast: &dyn Fn(Along, &Points, &[(usize, usize)]) -> (Vec<Vec<f64>>, Counters),
-    ) -> Pilot {
+    fn run(self, full: &[(usize, usize)], cast: &Cast<'_>) -> Pilot {
         let Self { tiles, enough, seed, spacing, pixels } = self;
-        let mut random = Pcg64Dxsm::new(u128::from(seed), 0x7069_6c6f_74);
+        let mut random = Pcg64Dxsm::new(u128::from(seed), 0x7069_6c6f);
         let mut chosen: Vec<usize> = sample(&mut random, full.len(), tiles.min(full.len())).into_vec();
         chosen.sort_unstable();
         let chosen: Vec<(usize, usize)> = chosen.into_iter().map(|n| full[n]).collect();

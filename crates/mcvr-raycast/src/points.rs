@@ -4,7 +4,9 @@
 #[derive(Clone, Debug)]
 pub(crate) struct Points {
     places: Vec<[f64; 3]>,
-    /// Moves all points of a pixel by its own random amounts, modulo 1: places, and phases.
+    /// Sides of a stratum.
+    stratum: [f64; 2],
+    /// Whether places are random within their strata, and phases random.
     move_places: bool,
     move_phases: bool,
     seed: u64,
@@ -12,37 +14,32 @@ pub(crate) struct Points {
     shift: f64,
 }
 
-// Kronecker's sequence with the powers of the inverse of the plastic number's relatives: x³ = x + 1 for two dimensions, and the
-// golden section for one. M. Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018.
+// Multiples of these, modulo 1, lie evenly in one and in two dimensions: the golden section, and powers of the inverse of the plastic
+// number, x³ = x + 1. M. Roberts, "The unreasonable effectiveness of quasirandom sequences", 2018.
 const PLASTIC: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
 impl Points {
-    /// Points for `rays` rays a pixel. Square numbers are the centres of a grid of sub-pixels, others a rank-1 lattice with a random
-    /// shift of its own in every pixel; `jitter` asks for the latter in every case, which makes a pixel's mean unbiased. A random
-    /// phase does the same for the sum along the ray (over a grid, phases follow a lattice over the image with one random shift); a
-    /// fixed one is 1/2.
+    /// Points for `rays` rays a pixel. Square numbers are the centres of a grid of sub-pixels, others a random point in each of as many
+    /// strata; `jitter` asks for the latter in every case, which makes a pixel's mean unbiased, with an error of `R^-1` where the image
+    /// is smooth (METHOD section 4). A random phase does the same for the sum along the ray: phases of a pixel's rays lie evenly, from
+    /// a random start in every pixel, or (over a grid) from a lattice over the image with one random shift. A fixed one is 1/2.
     pub fn new(rays: u32, jitter: bool, random_phase: bool, seed: u64) -> Self {
-        let side = rays.isqrt();
-        let grid = !jitter && side * side == rays;
+        // The most nearly square arrangement of strata, at least as many columns as rows.
+        let rows = (1..=rays.isqrt()).rev().find(|r| rays.is_multiple_of(*r)).unwrap_or(1);
+        let columns = rays / rows;
+        let grid = !jitter && columns == rows;
+        let (width, height) = (1.0 / f64::from(columns), 1.0 / f64::from(rows));
         let places = (0..rays)
             .map(|n| {
-                let k = f64::from(n);
-                let place = if grid {
-                    let centre = |i: u32| (f64::from(i) + 0.5) / f64::from(side);
-                    [centre(n % side), centre(n / side)]
-                } else {
-                    [k / f64::from(rays), (k * PLASTIC[0]).fract()]
-                };
-                let phase = match (random_phase, grid) {
-                    (false, _) => 0.5,
-                    (true, true) => (k * GOLDEN).fract(),
-                    (true, false) => (k * PLASTIC[1]).fract(),
-                };
-                [place[0], place[1], phase]
+                let within = if grid { 0.5 } else { 0.0 };
+                let place = [f64::from(n % columns) + within, f64::from(n / columns) + within];
+                let phase = if random_phase { (f64::from(n) * GOLDEN).fract() } else { 0.5 };
+                [place[0] * width, place[1] * height, phase]
             })
             .collect();
-        Self { places, move_places: !grid, move_phases: random_phase, seed, shift: unit(mix(seed)) }
+        let stratum = [width, height];
+        Self { places, stratum, move_places: !grid, move_phases: random_phase, seed, shift: unit(mix(seed)) }
     }
 
     pub fn rays(&self) -> u32 {
@@ -55,11 +52,12 @@ impl Points {
     pub fn of(&self, x: usize, y: usize, ray: u32) -> [f64; 3] {
         let mut p = self.places[ray as usize];
         if self.move_places {
-            let first = mix(self.seed ^ mix((y as u64) << 32 | x as u64));
-            p[0] = wrap(p[0] + unit(first));
-            p[1] = wrap(p[1] + unit(mix(first)));
+            let pixel = mix(self.seed ^ mix((y as u64) << 32 | x as u64));
+            let first = mix(pixel ^ u64::from(ray));
+            p[0] += self.stratum[0] * unit(first);
+            p[1] += self.stratum[1] * unit(mix(first));
             if self.move_phases {
-                p[2] = wrap(p[2] + unit(mix(first ^ 0x5851_f42d_4c95_7f2d)));
+                p[2] = (p[2] + unit(pixel)).fract();
             }
         } else if self.move_phases {
             // Phases of neighbouring pixels differ much, so that averages over pixels even them out.
@@ -67,11 +65,6 @@ impl Points {
         }
         p
     }
-}
-
-#[inline(always)]
-fn wrap(v: f64) -> f64 {
-    if v >= 1.0 { v - 1.0 } else { v }
 }
 
 /// The top 53 bits as a number in [0, 1).
@@ -87,4 +80,54 @@ fn mix(v: u64) -> u64 {
     let v = (v ^ (v >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let v = (v ^ (v >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     v ^ (v >> 31)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn all(points: &Points, x: usize, y: usize) -> Vec<[f64; 3]> {
+        (0..points.rays()).map(|r| points.of(x, y, r)).collect()
+    }
+
+    #[test]
+    fn one_ray_is_the_centre_and_square_numbers_are_a_grid_of_centres() {
+        assert_eq!(all(&Points::new(1, false, false, 7), 3, 4), [[0.5, 0.5, 0.5]]);
+        let four = [[0.25, 0.25, 0.5], [0.75, 0.25, 0.5], [0.25, 0.75, 0.5], [0.75, 0.75, 0.5]];
+        assert_eq!(all(&Points::new(4, false, false, 7), 3, 4), four);
+    }
+
+    #[test]
+    fn jittered_points_hold_one_per_stratum_and_differ_from_pixel_to_pixel() {
+        for (rays, columns, rows) in [(1, 1.0, 1.0), (2, 2.0, 1.0), (6, 3.0, 2.0), (7, 7.0, 1.0), (16, 4.0, 4.0)] {
+            let points = Points::new(rays, true, true, 1);
+            let places = all(&points, 1, 2);
+            let mut strata: Vec<_> = places.iter().map(|p| ((p[0] * columns) as u32, (p[1] * rows) as u32)).collect();
+            strata.sort_unstable();
+            strata.dedup();
+            assert_eq!(strata.len(), rays as usize);
+            assert!(places.iter().flatten().all(|v| (0.0..1.0).contains(v)));
+            assert_ne!(places, all(&points, 2, 1));
+            assert_eq!(places, all(&Points::new(rays, true, true, 1), 1, 2));
+        }
+    }
+
+    /// Means over pixels, and over seeds, of places and phases are 1/2, and neighbours are independent.
+    #[test]
+    fn random_points_are_uniform() {
+        let n = 40_000;
+        let mut sums = [0.0; 5];
+        for k in 0..n {
+            let points = Points::new(1, true, true, k / 100);
+            let (a, b) = (points.of((k % 100) as usize, 0, 0), points.of((k % 100) as usize + 1, 0, 0));
+            (0..3).for_each(|c| sums[c] += a[c] - 0.5);
+            sums[3] += (a[0] - 0.5) * (b[0] - 0.5) * 12.0;
+            sums[4] += (a[0] - 0.5) * (a[1] - 0.5) * 12.0;
+        }
+        // Standard deviations of one term: 1/√12, and 1 for the products.
+        for (c, sum) in sums.into_iter().enumerate() {
+            let sigma = if c < 3 { (1.0 / 12f64).sqrt() } else { 1.0 };
+            assert!(sum.abs() < 5.0 * sigma * (n as f64).sqrt(), "moment {c}: {sum}");
+        }
+    }
 }

@@ -70,7 +70,16 @@ fn the_march_converges_to_the_reference_with_rays_and_step() {
     {
         let truth = run(&d, &camera, &options(estimand, kernel, 3e-4)).image;
         let error = |rays, step, jitter| {
-            let o = MarchOptions { rays_per_pixel: rays, step, jitter, estimand, kernel, seed: 1, random_phase: false, average: false };
+            let o = MarchOptions {
+                rays_per_pixel: rays,
+                step,
+                jitter,
+                estimand,
+                kernel,
+                seed: 1,
+                random_phase: false,
+                average: false,
+            };
             rmse(&march(&d, &camera, &o, &Watch::default()).unwrap().image, &truth)
         };
         let centre = error(1, 0.1, false);

@@ -280,4 +280,36 @@ mod tests {
             assert_eq!(run(true, weights), run(false, weights));
         }
     }
+
+    /// Sums of more than one bin, from two threads, emptied in between because they hold more than they may.
+    #[test]
+    fn bins_lose_nothing() {
+        let slots = (1 << 21) + 5;
+        let pixels: Vec<u32> = (0..1u64 << 16).map(|k| (k * 0x9e37_79b9_7f4a % slots as u64) as u32).collect();
+        let narrow = Weights { narrow: pixels.iter().map(|p| p % 1000 + 1).collect(), ..Weights::default() };
+        let wide = Weights { wide: pixels.iter().map(|p| u64::from(*p) << 20 | 1).collect(), ..Weights::default() };
+        let batches = 40;
+        for weights in [&Weights::default(), &narrow, &wide] {
+            let totals = Totals::new(slots, 2).expect("memory");
+            let weighed = !(weights.narrow.is_empty() && weights.wide.is_empty());
+            let worker = totals.worker(weighed, 1 << 30);
+            assert!(matches!(worker.own, Own::Binned(..)), "an image of this size goes through bins");
+            worker.finish();
+            std::thread::scope(|scope| {
+                for _ in 0..2 {
+                    scope.spawn(|| {
+                        let mut worker = totals.worker(weighed, 1 << 30);
+                        (0..batches).for_each(|_| worker.add(&pixels, weights));
+                        worker.finish();
+                    });
+                }
+            });
+            let mut expected = vec![0u64; slots];
+            for (n, p) in pixels.iter().enumerate() {
+                let amount = weights.narrow.get(n).map(|w| u64::from(*w)).or(weights.wide.get(n).copied()).unwrap_or(1);
+                expected[*p as usize] += 2 * batches * amount;
+            }
+            assert!(totals.into_sums().eq(expected), "sums by way of bins");
+        }
+    }
 }

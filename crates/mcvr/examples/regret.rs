@@ -102,7 +102,8 @@ fn main() -> Result<(), Failure> {
     let extent = Extent::new(400, 400)?;
     let mut rows = vec![];
     for path in scans(&folder)? {
-        let name = path.file_name().unwrap_or_default().to_string_lossy().split('_').next().unwrap_or("scan").to_owned();
+        let name =
+            path.file_name().unwrap_or_default().to_string_lossy().split('_').next().unwrap_or("scan").to_owned();
         if only.as_ref().is_some_and(|o| !path.to_string_lossy().contains(&o[..])) {
             continue;
         }
@@ -165,7 +166,9 @@ fn table(rows: &[Value]) -> String {
         let chosen: Vec<&Value> = rows.iter().filter(|r| of(r)).collect();
         let mut regrets: Vec<f64> = chosen.iter().filter_map(|r| r["regret"].as_f64()).collect();
         regrets.sort_by(f64::total_cmp);
-        let at = |share: f64| regrets.get(((regrets.len() as f64 - 1.0) * share).round() as usize).copied().unwrap_or(f64::NAN);
+        let at = |share: f64| {
+            regrets.get(((regrets.len() as f64 - 1.0) * share).round() as usize).copied().unwrap_or(f64::NAN)
+        };
         let over = |r: &&&Value| r["error"].as_f64().unwrap_or(0.0) / r["target"].as_f64().unwrap_or(1.0);
         let missed = chosen.iter().filter(|r| over(r) > 1.0).count();
         let worst = chosen.iter().map(|r| over(&r)).fold(0.0, f64::max);
@@ -184,7 +187,9 @@ fn table(rows: &[Value]) -> String {
     out += &line("all".into(), &|_| true);
     out += "\n| scan | view | error | auto | seconds | error reached | best fixed | seconds | regret |\n| --- | --- | ---: | --- | ---: | ---: | --- | ---: | ---: |\n";
     for r in rows {
-        let number = |key: &str, scale: f64, digits: usize| r[key].as_f64().map_or("-".into(), |v| format!("{:.digits$}", v * scale));
+        let number = |key: &str, scale: f64, digits: usize| {
+            r[key].as_f64().map_or("-".into(), |v| format!("{:.digits$}", v * scale))
+        };
         let c = &r["choice"];
         out += &format!(
             "| {} | {} | {} % | {} {} {:.2} | {} | {} % | {} | {} | {} |\n",

@@ -137,7 +137,9 @@ impl mcvr_harness::Method for Timed<'_> {
         match self.contestant {
             Contestant::Sampler(method) => method.expected_slope(),
             Contestant::Cloud => Method::Qmc.expected_slope(),
-            Contestant::March(_) | Contestant::Rays | Contestant::Comb(_) | Contestant::Auto | Contestant::Exact => None,
+            Contestant::March(_) | Contestant::Rays | Contestant::Comb(_) | Contestant::Auto | Contestant::Exact => {
+                None
+            }
         }
     }
 

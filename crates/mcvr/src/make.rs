@@ -289,7 +289,9 @@ pub(crate) fn point_stream(request: &Request, total: u64) -> Box<dyn PointStream
         Method::McLinear => Box::new(Unsorted::linear(samples, seed)),
         Method::Stratified => Box::new(Stratified::new(samples, seed)),
         Method::Qmc => Box::new(SobolNet::new(samples, seed, request.scramble)),
-        Method::Mc | Method::March | Method::Rays | Method::Comb | Method::Exact | Method::Auto => Box::new(OrderStatistics::new(samples, seed)),
+        Method::Mc | Method::March | Method::Rays | Method::Comb | Method::Exact | Method::Auto => {
+            Box::new(OrderStatistics::new(samples, seed))
+        }
     }
 }
 

@@ -59,7 +59,12 @@ fn the_choice_follows_the_error_and_not_the_threads() {
         assert!(choice.reaches && choice.chosen.error <= error * 1.000001, "{error}: {:?}", choice.chosen);
         assert!(choice.chosen.seconds >= last, "{error}: less error for less time");
         last = choice.chosen.seconds;
-        assert!(choice.runners_up.iter().all(|c| c.seconds >= last && c.error <= error * 1.000001 && c.method != choice.chosen.method));
+        assert!(
+            choice
+                .runners_up
+                .iter()
+                .all(|c| c.seconds >= last && c.error <= error * 1.000001 && c.method != choice.chosen.method)
+        );
     }
 }
 

@@ -124,7 +124,8 @@ fn jittered_rays_and_combs_agree_with_the_reference() {
                     Request { method: Method::Comb, step: 0.7, ..base },
                     Request { method: Method::Comb, step: 5.0, ..base },
                 ] {
-                    let label = format!("speckle, {} {kernel} {estimand}, {rays} rays, {}", request.method, request.step);
+                    let label =
+                        format!("speckle, {} {kernel} {estimand}, {rays} rays, {}", request.method, request.step);
                     let images = replicates(&scenery, request);
                     nothing_strays(&label, &truth, &images);
                     agreement(label, &truth, &images, SAMPLES).hold();

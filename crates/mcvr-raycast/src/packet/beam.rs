@@ -65,7 +65,7 @@ impl Optics {
                 let inverse = 1.0 / direction;
                 let (p, q) = ((low - origin) * inverse, (high - origin) * inverse);
                 // A direction along the planes meets none: inside for ever, or never.
-                let along = !(inverse.abs() < f64::INFINITY);
+                let along = inverse.abs() == f64::INFINITY || inverse.is_nan();
                 let inside = low <= origin && origin < high;
                 let never = if inside { f64::NEG_INFINITY } else { f64::INFINITY };
                 let (enter, leave) = if p < q { (p, q) } else { (q, p) };

@@ -197,7 +197,14 @@ impl<'a, T: Voxel, W: Weights<T>> Corners<'a, T, W> {
         let whole = dims.iter().all(|n| *n >= 2) && len == voxels.len() && i32::try_from(len).is_ok();
         // From a cell's first voxel to the first of its last row.
         let last = len.checked_sub(nx + nx * ny + W::REACH.max(2))?;
-        whole.then_some(Self { voxels, weights, unit, dims, strides: [1, nx as i32, (nx * ny) as i32], last: last as i32 })
+        whole.then_some(Self {
+            voxels,
+            weights,
+            unit,
+            dims,
+            strides: [1, nx as i32, (nx * ny) as i32],
+            last: last as i32,
+        })
     }
 
     /// What a weight of 1 stands for.
@@ -228,13 +235,7 @@ impl<'a, T: Voxel, W: Weights<T>> Corners<'a, T, W> {
     /// # Safety
     /// As [`Simd`].
     #[inline(always)]
-    pub unsafe fn read<S: Simd>(
-        &self,
-        cells: [S::I; 3],
-        base: S::I,
-        active: S::M,
-        border: &mut Border,
-    ) -> [S::F; 8] {
+    pub unsafe fn read<S: Simd>(&self, cells: [S::I; 3], base: S::I, active: S::M, border: &mut Border) -> [S::F; 8] {
         let [nx, ny, nz] = [self.dims[0] as i32 - 2, self.dims[1] as i32 - 2, self.dims[2] as i32 - 2];
         let (row, plane) = (self.strides[1], self.strides[2]);
         // SAFETY: lanes of `inside` have 1 <= cell <= extent - 1 on each axis, so their eight voxels are voxels of the grid, and

@@ -68,17 +68,15 @@ impl<'a> Packets<'a> {
     }
 }
 
+/// Casts tiles, given by column and row of tiles: their values row by row, 0 beyond the image's edge.
+pub(crate) type Cast<'a> = dyn Fn(Along, &Points, &[(usize, usize)]) -> (Vec<Vec<f64>>, Counters) + 'a;
+
 /// Code that looks at tiles of an image.
 pub(crate) trait Look {
     type Out;
 
-    /// `full` are the columns and rows of the tiles whose rays can meet density; `cast` gives the values of some of them, row by row and 0
-    /// beyond the image's edge.
-    fn run(
-        self,
-        full: &[(usize, usize)],
-        cast: &dyn Fn(Along, &Points, &[(usize, usize)]) -> (Vec<Vec<f64>>, Counters),
-    ) -> Self::Out;
+    /// `full` are the columns and rows of the tiles whose rays can meet density.
+    fn run(self, full: &[(usize, usize)], cast: &Cast<'_>) -> Self::Out;
 }
 
 /// What is the same for all rays of a view.

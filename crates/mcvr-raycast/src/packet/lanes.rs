@@ -223,8 +223,8 @@ impl Simd for Portable {
     }
     #[inline(always)]
     unsafe fn gather<const SCALE: i32>(base: *const u8, index: Row<i32>, mask: Row<bool>) -> Row<i32> {
-        // SAFETY: the caller promises that the addresses of set lanes are readable.
         each!(l => if mask[l] {
+            // SAFETY: the caller promises that the addresses of set lanes are readable.
             unsafe { base.offset(index[l] as isize * SCALE as isize).cast::<i32>().read_unaligned() }
         } else { 0 })
     }

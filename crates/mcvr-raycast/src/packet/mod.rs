@@ -13,13 +13,13 @@ mod corners;
 mod driver;
 mod lanes;
 mod level;
-mod tiles;
 #[cfg(test)]
 mod tests;
+mod tiles;
 mod trace;
 mod weigh;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
-pub(crate) use driver::{Along, Look, Packets, Plan};
+pub(crate) use driver::{Along, Cast, Look, Packets, Plan};
 pub(crate) use tiles::TILE;

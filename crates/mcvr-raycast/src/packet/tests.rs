@@ -53,10 +53,10 @@ fn cameras(grid: &Grid) -> Vec<(&'static str, Camera)> {
     let look = |view: View| Camera::look(&view, grid, extent).unwrap();
     let oblique = View { azimuth: 34.0, elevation: 21.0, ..View::default() };
     vec![
-        ("oblique", look(oblique.clone())),
+        ("oblique", look(oblique)),
         ("along an axis", look(View { azimuth: 0.0, elevation: 0.0, ..View::default() })),
-        ("parallel", look(View { parallel: true, ..oblique.clone() })),
-        ("near", look(View { distance: Some(40.0), fov: Some(70.0), ..oblique.clone() })),
+        ("parallel", look(View { parallel: true, ..oblique })),
+        ("near", look(View { distance: Some(40.0), fov: Some(70.0), ..oblique })),
         ("inside", look(View { distance: Some(9.0), fov: Some(90.0), ..oblique })),
     ]
 }
@@ -106,7 +106,8 @@ fn all_instructions_and_thread_numbers_give_the_same_bits() {
             for along in [Along::Exact, Along::Comb(0.8), Along::Comb(5.0)] {
                 for estimand in [Estimand::Line, Estimand::Count] {
                     let plan = plan(along, 2, estimand);
-                    let cast = |level| Packets::new(&density).on(level).image(&camera, &plan, &Watch::default()).unwrap();
+                    let cast =
+                        |level| Packets::new(&density).on(level).image(&camera, &plan, &Watch::default()).unwrap();
                     let expected = one.install(|| cast(Level::Portable));
                     for level in Level::available() {
                         let got = four.install(|| cast(level));
@@ -135,7 +136,9 @@ fn combs_are_unbiased_at_any_distance_and_fine_ones_converge() {
                 let repeats = 64;
                 let mut sums = vec![[0.0; 2]; truth.values().len()];
                 for seed in 0..repeats {
-                    for (s, (v, t)) in sums.iter_mut().zip(cast(Along::Comb(distance), seed).values().iter().zip(truth.values())) {
+                    for (s, (v, t)) in
+                        sums.iter_mut().zip(cast(Along::Comb(distance), seed).values().iter().zip(truth.values()))
+                    {
                         s[0] += v - t;
                         s[1] += (v - t) * (v - t);
                     }
@@ -144,7 +147,11 @@ fn combs_are_unbiased_at_any_distance_and_fine_ones_converge() {
                 let n = repeats as f64;
                 let total: f64 = sums.iter().map(|s| s[0] / n).sum();
                 let variance: f64 = sums.iter().map(|s| (s[1] / n - (s[0] / n).powi(2)) / (n - 1.0)).sum();
-                assert!(variance > 0.0 && total.abs() < 4.5 * variance.sqrt(), "{name}, {estimand}, {distance}: z = {}", total / variance.sqrt());
+                assert!(
+                    variance > 0.0 && total.abs() < 4.5 * variance.sqrt(),
+                    "{name}, {estimand}, {distance}: z = {}",
+                    total / variance.sqrt()
+                );
                 let rmse = (sums.iter().map(|s| s[1] / n).sum::<f64>() / sums.len() as f64).sqrt() / truth.mean();
                 assert!(rmse < 0.6 * last, "{distance} mm: {rmse} after {last}");
                 last = rmse;

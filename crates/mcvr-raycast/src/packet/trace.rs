@@ -61,7 +61,8 @@ pub(crate) unsafe fn comb<S: Simd, T: Voxel, W: Weights<T>, const SQUARED: bool>
     work.fetches = work.evaluations;
     // SAFETY: the caller's promise of instructions, passed on; addresses are `Corners::read`'s care.
     unsafe {
-        let (u, d) = ([S::load(&u[0]), S::load(&u[1]), S::load(&u[2])], [S::load(&d[0]), S::load(&d[1]), S::load(&d[2])]);
+        let (u, d) =
+            ([S::load(&u[0]), S::load(&u[1]), S::load(&u[2])], [S::load(&d[0]), S::load(&d[1]), S::load(&d[2])]);
         let (depth, rise, steps) = (S::load(&depth), S::load(&rise), S::iload(&steps));
         let strides = [S::isplat(field.stride(0)), S::isplat(field.stride(1)), S::isplat(field.stride(2))];
         let origin = S::isplat(field.origin());
@@ -164,8 +165,20 @@ pub(crate) unsafe fn cells<S: Simd, T: Voxel, W: Weights<T>, const SQUARED: bool
             u[axis][l] = p;
             d[axis][l] = direction;
             inverse[axis][l] = if meets { slow } else { 1.0 };
-            ahead[axis][l] = if !meets { f32::INFINITY } else if direction > 0.0 { 1.0 } else { 0.0 };
-            way[axis][l] = if !meets { 0 } else if direction > 0.0 { 1 } else { -1 };
+            ahead[axis][l] = if !meets {
+                f32::INFINITY
+            } else if direction > 0.0 {
+                1.0
+            } else {
+                0.0
+            };
+            way[axis][l] = if !meets {
+                0
+            } else if direction > 0.0 {
+                1
+            } else {
+                -1
+            };
             let whole = p as i32;
             cell[axis][l] = if whole > dims[axis] as i32 { dims[axis] as i32 } else { whole };
         }

@@ -6,9 +6,9 @@ use mcvr_volume::Volume;
 use super::{Candidate, Costs};
 use crate::Method;
 
-/// Predictions are held to this share of the error asked for: a pilot of some tens of tiles errs by about a quarter, and errors
-/// of rays fall so steeply with work that the margin is cheap.
-const MARGIN: f64 = 0.75;
+/// Predictions are held to this share of the error asked for: a pilot of some tens of tiles errs by about a quarter, and more where a
+/// few bright pixels carry the error. At 0.75, a fifth of the choices on 18 scans missed their error (by up to 2.2 times).
+const MARGIN: f64 = 0.6;
 
 /// Most rays along a side of a pixel.
 const SIDES: u32 = 32;

@@ -58,12 +58,7 @@ fn tiles(error: f64) -> usize {
 ///
 /// # Errors
 /// [`MakeError`] when the scene is unusable or `watch` cancels.
-pub fn choose(
-    density: &Density,
-    scenery: &Scenery,
-    request: &Request,
-    watch: &Watch<'_>,
-) -> Result<Choice, MakeError> {
+pub fn choose(density: &Density, scenery: &Scenery, request: &Request, watch: &Watch<'_>) -> Result<Choice, MakeError> {
     let camera = &scenery.camera;
     let plain = scenery.effects.look(density.volume().grid(), camera)?.is_plain();
     let pilot = if plain && request.kernel == Kernel::Tent {

@@ -11,8 +11,8 @@ macro_rules! say {
 mod args;
 mod bench;
 mod bench_checks;
-mod claims;
 mod choice_text;
+mod claims;
 mod claims_text;
 mod compare;
 mod converge;

@@ -4,8 +4,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
-use mcvr::plan::{Plan, Verdict, plan};
 use mcvr::auto::{Choice, choose};
+use mcvr::plan::{Plan, Verdict, plan};
 use mcvr::scene::film::Film;
 use mcvr::scene::{Density, Watch};
 use mcvr::{ErrorSection, Made, MakeError, Method, make};

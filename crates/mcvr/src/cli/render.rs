@@ -235,7 +235,9 @@ fn labelled(path: &Path, label: &str) -> PathBuf {
 fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
     let cancel = progress::interrupt_flag();
     let total = match setup.request.method {
-        _ if setup.request.method == Method::Auto || setup.request.method.casts_rays() => setup.scenery.camera.extent().height as u64,
+        _ if setup.request.method == Method::Auto || setup.request.method.casts_rays() => {
+            setup.scenery.camera.extent().height as u64
+        }
         _ => setup.request.samples,
     };
     let bar = progress::bar(total, quiet);

@@ -72,7 +72,11 @@ fn cast(scenery: &Scenery, request: &Request, look: &Look, passes: &mut Vec<Pass
     let march = request.method != Method::Exact;
     let exact = request.method == Method::Rays;
     let prefix = if march { "march" } else { "reference" };
-    let each = if march { u64::from(crate::make::rays_per_pixel(request.samples, &scenery.camera, request.jitter)) } else { 0 };
+    let each = if march {
+        u64::from(crate::make::rays_per_pixel(request.samples, &scenery.camera, request.jitter))
+    } else {
+        0
+    };
     // Means over pixels need the rays of a margin of two pixels.
     let averages = matches!(request.method, Method::Rays | Method::Comb) && !request.jitter && look.is_plain();
     let extent = scenery.camera.extent();

@@ -49,9 +49,9 @@ pub(crate) fn over_pixels(wide: &Image, camera: &Camera, n: u32) -> Result<Image
     Image::from_values(extent, out)
 }
 
-/// By what factor averaging lowers errors that are independent from pixel to pixel, for one ray a pixel.
-pub(crate) fn noise() -> f64 {
-    let [c0, c1, c2] = stencil(1.0);
+/// By what factor averaging lowers errors that are independent from pixel to pixel, for `n` by `n` rays a pixel.
+pub(crate) fn noise(n: u32) -> f64 {
+    let [c0, c1, c2] = stencil(f64::from(n));
     c0 * c0 + 2.0 * (c1 * c1 + c2 * c2)
 }
 

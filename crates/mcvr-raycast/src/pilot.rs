@@ -40,6 +40,11 @@ impl Pilot {
     /// Distances of the combs that are tried.
     pub const DISTANCES: [f64; 7] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0];
 
+    /// By what factor averaging over pixels lowers the errors of combs less with `side` by `side` rays a pixel than with one.
+    pub fn noise(side: u32) -> f64 {
+        average::noise(side) / average::noise(1)
+    }
+
     /// Looks at up to `tiles` tiles of the image of `tent`, chosen at random by `seed`; `None` where rays are not cast in packets. Combs
     /// are tried from the widest on until one leaves an error of at most `enough`. The same numbers for any number of threads.
     ///
@@ -96,7 +101,7 @@ impl Look for Sight {
             steps = work.evaluations as f64 * distance;
             let all = comb.iter().flatten().zip(exact.iter().flatten());
             let square = all.map(|(c, e)| (c - e) * (c - e)).sum::<f64>() / (looked_at * in_tile);
-            let error = average::noise() * rms(square);
+            let error = average::noise(1) * rms(square);
             combs.push((distance, error));
             if error <= enough {
                 break;

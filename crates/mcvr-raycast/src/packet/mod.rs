@@ -5,7 +5,7 @@
 //! tile of pixels holds no occupied brick are skipped ([`tiles`]). Positions and sums of a piece are `f32` relative to the
 //! piece's start, pieces are added in `f64`.
 //!
-//! What packets do not serve (other kernels than `tent`, voxels wider than 32 bits, maps that must be calculated per voxel,
+//! What packets do not serve (other kernels than `tent`, voxels of `u32`, `i32` and `f64`, maps of `f32` that are no line, 2^31 voxels and more,
 //! weights beyond `f32`) goes ray by ray in [`crate::march`] and [`crate::Integrator`].
 
 mod beam;

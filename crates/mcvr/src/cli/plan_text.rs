@@ -40,7 +40,8 @@ fn head(out: &mut String, setup: &Setup, camera: Option<&str>) {
     let dims = volume.grid().dims().map(|n| n.to_string()).join(" x ");
     let budget = match r.method {
         mcvr::Method::Exact => format!("tolerance {}", r.tolerance),
-        mcvr::Method::March => format!("{} rays at most", grouped(r.samples)),
+        mcvr::Method::March | mcvr::Method::Rays => format!("{} rays at most", grouped(r.samples)),
+        mcvr::Method::Comb => format!("{} rays at most, {:.2} voxels apart", grouped(r.samples), r.step),
         _ => format!("{} samples", grouped(r.samples)),
     };
     let name = camera.map_or(String::new(), |c| format!(" {c}"));

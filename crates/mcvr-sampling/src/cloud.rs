@@ -15,9 +15,9 @@ use crate::expose::{Exposure, Scratch};
 use crate::find::locator;
 use crate::offset::{BoxOffset, BsplineOffset, Offset, ShellOffset, TentOffset};
 use crate::project::{Projection, centre_voxel, position};
-use crate::simd::vectorised;
 use crate::stream::check_samples;
 use crate::{BLOCK, Distribution, PointStream, Precision, SamplingError, SimdLevel};
+use mcvr_volume::vectorised;
 
 /// Where a cloud's points come from, in words; nothing is computed from it.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

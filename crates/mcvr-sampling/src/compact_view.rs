@@ -9,7 +9,7 @@ use crate::project::{CountWeigh, LineWeigh, Lost, Params, Precision, Projection,
 #[cfg(target_arch = "x86_64")]
 use crate::project512::project_words;
 use crate::real::{Real, Weights};
-use crate::simd::{SimdLevel, vectorised};
+use mcvr_volume::{SimdLevel, vectorised};
 
 /// Turns compact points into what [`Project`](crate::project::Project) gives.
 pub(crate) trait ProjectCompact: Send + Sync {

@@ -2,8 +2,8 @@
 
 use crate::SimdLevel;
 use crate::order::BRICK;
-use crate::simd::vectorised;
 use crate::units::Word;
+use mcvr_volume::vectorised;
 
 /// Entries per row: one vector of 32-bit words.
 pub(crate) const ROW: usize = 16;

@@ -9,10 +9,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::dense::Lines;
 use crate::hilbert::{Hilbert, unpack};
-use crate::simd::vectorised;
 use crate::units::{Units, Word};
 use crate::unpack::{Turned, prefetch, running};
 use crate::{SamplingError, SimdLevel, totals};
+use mcvr_volume::vectorised;
 
 /// Voxels per brick.
 pub(crate) const BRICK: usize = 256;

@@ -10,7 +10,7 @@ use crate::offset::{BoxOffset, BsplineOffset, Offset, ShellOffset, TentOffset};
 #[cfg(target_arch = "x86_64")]
 use crate::project512::project_tent;
 use crate::real::{Real, Weights};
-use crate::simd::{SimdLevel, vectorised};
+use mcvr_volume::{SimdLevel, vectorised};
 
 /// Arithmetic of the projection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

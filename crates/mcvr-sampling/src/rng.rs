@@ -64,7 +64,7 @@ pub fn fill_u32(seed: u64, purpose: Purpose, block: u64, out: &mut [u32]) {
     words_at(crate::SimdLevel::detect(), &mut state, out);
 }
 
-crate::simd::vectorised! {
+mcvr_volume::vectorised! {
     fn words_at(state: &mut [[u32; LANES]; 4], out: &mut [u32]) = words_body
 }
 
@@ -97,7 +97,7 @@ fn words_body(state: &mut [[u32; LANES]; 4], out: &mut [u32]) {
 /// Fraction bits of the fixed-point numbers that [`exponentials`] gives.
 pub const EXPONENTIAL_BITS: u32 = 32;
 
-crate::simd::vectorised! {
+mcvr_volume::vectorised! {
     fn xor_at(base: u32, table: &[u32], out: &mut [u32]) = xor_body
 }
 
@@ -113,7 +113,7 @@ fn xor_body(base: u32, table: &[u32], out: &mut [u32]) {
     }
 }
 
-crate::simd::vectorised! {
+mcvr_volume::vectorised! {
     fn spread_at(positions: &mut [u64], offset: f64, scale: f64, largest: f64) = spread_body
 }
 
@@ -145,7 +145,7 @@ fn spread_body(positions: &mut [u64], offset: f64, scale: f64, largest: f64) {
     }
 }
 
-crate::simd::vectorised! {
+mcvr_volume::vectorised! {
     fn exponentials_at(words: &[u32], out: &mut [u64]) = exponentials_body
 }
 

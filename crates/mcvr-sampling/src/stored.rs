@@ -6,7 +6,7 @@ use crate::project::{CountWeigh, LineWeigh, Lost, Params, Precision, Projection,
 #[cfg(target_arch = "x86_64")]
 use crate::project512::project_stored;
 use crate::real::{Real, Weights};
-use crate::simd::{SimdLevel, vectorised};
+use mcvr_volume::{SimdLevel, vectorised};
 
 /// Turns positions (voxels from the centre voxel) into what [`Project`](crate::project::Project) gives.
 pub(crate) trait ProjectStored: Send + Sync {

@@ -1,7 +1,7 @@
 //! Point streams: where a method's samples come from.
 
-use crate::simd::vectorised;
 use crate::{SamplingError, SimdLevel};
+use mcvr_volume::vectorised;
 
 /// Points per block: the unit of random keys and of parallel work.
 pub const BLOCK: usize = 2048;

@@ -7,8 +7,8 @@
 use mcvr_volume::Voxel;
 
 use crate::order::{BRICK, Nested};
-use crate::simd::vectorised;
 use crate::units::{Units, Word};
+use mcvr_volume::vectorised;
 
 /// Lines that are summed side by side: their sums stay in the first cache.
 const LINES: usize = 4096;

@@ -6,8 +6,8 @@
 use mcvr_volume::Voxel;
 
 use crate::order::{BRICK, Nested};
-use crate::simd::vectorised;
 use crate::units::{Units, Word};
+use mcvr_volume::vectorised;
 
 /// Entries of a row of running sums that are added up together.
 const ROW: usize = 16;

@@ -20,6 +20,7 @@ mod formats;
 mod grid;
 mod input;
 mod phantom;
+mod simd;
 mod stats;
 mod volume;
 mod whole;
@@ -29,6 +30,7 @@ pub use formats::{Endian, FileFormat, Loaded, RawOptions, load, open, write_meta
 pub use grid::{Grid, checked_voxel_count};
 pub use input::{open_regular, read_text};
 pub use phantom::{Ellipsoid, Phantom};
+pub use simd::SimdLevel;
 pub use stats::{HISTOGRAM_BINS, Summary, byte_order_suspicion};
 pub use volume::Volume;
 pub use voxel::{Buffer, Voxel, VoxelType, Voxels};

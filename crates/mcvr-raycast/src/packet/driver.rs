@@ -3,13 +3,12 @@
 use std::ops::Range;
 
 use mcvr_scene::{Camera, Density, Estimand, Image, Watch};
-use mcvr_volume::Voxel;
+use mcvr_volume::{SimdLevel, Voxel};
 use rayon::prelude::*;
 
 use super::beam::Optics;
 use super::corners::{Corners, Weights};
 use super::lanes::{LANES, Portable, Simd};
-use super::level::Level;
 use super::tiles::{TILE, Tiles};
 use super::trace::{Work, cells, comb};
 use super::weigh::{Visit, with_corners};
@@ -39,7 +38,7 @@ pub(crate) struct Plan {
 #[derive(Clone, Copy)]
 pub(crate) struct Packets<'a> {
     density: &'a Density,
-    level: Level,
+    level: SimdLevel,
 }
 
 /// Gaps in depth that are not worth a new start, in samples of a comb or in voxels.
@@ -47,12 +46,12 @@ const GAP: f64 = 4.0;
 
 impl<'a> Packets<'a> {
     pub fn new(density: &'a Density) -> Self {
-        Self { density, level: Level::detect() }
+        Self { density, level: SimdLevel::detect() }
     }
 
     /// The same on other instructions.
     #[cfg(test)]
-    pub fn on(self, level: Level) -> Self {
+    pub fn on(self, level: SimdLevel) -> Self {
         Self { level, ..self }
     }
 
@@ -85,7 +84,7 @@ struct Ready<'a, 'w, T, W> {
     tiles: Tiles,
     view: View,
     smallest: f64,
-    level: Level,
+    level: SimdLevel,
     camera: &'w Camera,
     watch: &'w Watch<'w>,
 }
@@ -247,7 +246,7 @@ fn run_avx2<T: Voxel, W: Weights<T>, const EXACT: bool, const SQUARED: bool>(
 impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
     fn run<const EXACT: bool, const SQUARED: bool>(
         &self,
-        level: Level,
+        level: SimdLevel,
         row: usize,
         columns: Range<usize>,
         out: &mut [f64],
@@ -255,13 +254,16 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
     ) {
         match level {
             // SAFETY: plain Rust needs no instructions.
-            Level::Portable => unsafe { self.tiles::<Portable, EXACT, SQUARED>(row, columns, out, work) },
-            // SAFETY: levels name only what the processor has (`Level::available`).
+            SimdLevel::Portable => unsafe { self.tiles::<Portable, EXACT, SQUARED>(row, columns, out, work) },
+            // SAFETY: levels name only what the processor has (`SimdLevel::available`).
             #[cfg(target_arch = "x86_64")]
-            Level::Avx2 => unsafe { run_avx2::<T, W, EXACT, SQUARED>(self, row, columns, out, work) },
+            SimdLevel::Avx2 => unsafe { run_avx2::<T, W, EXACT, SQUARED>(self, row, columns, out, work) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            Level::Avx512 => unsafe { run_avx512::<T, W, EXACT, SQUARED>(self, row, columns, out, work) },
+            SimdLevel::Avx512 => unsafe { run_avx512::<T, W, EXACT, SQUARED>(self, row, columns, out, work) },
+            // SAFETY: as for the first.
+            #[cfg(not(target_arch = "x86_64"))]
+            _ => unsafe { self.tiles::<Portable, EXACT, SQUARED>(row, columns, out, work) },
         }
     }
 

@@ -2,7 +2,7 @@
 //!
 //! Every operation is one IEEE operation per lane, and none is fused, so the results do not depend on the instructions. The
 //! functions are `unsafe` because they may only run where the processor has the instructions: inside a function compiled
-//! for them (see [`level`](super::level)).
+//! for them (see [`mcvr_volume::SimdLevel`]).
 
 /// Rays in a packet.
 pub(crate) const LANES: usize = 16;

@@ -12,7 +12,6 @@ mod beam;
 mod corners;
 mod driver;
 mod lanes;
-mod level;
 #[cfg(test)]
 mod tests;
 mod tiles;

@@ -1,9 +1,8 @@
 //! Packets against the reference's rays, on every set of instructions.
 
 use mcvr_scene::{Camera, Density, DensityMap, Estimand, Extent, Kernel, Transfer, View, Watch};
-use mcvr_volume::{Grid, Volume, Voxel};
+use mcvr_volume::{Grid, SimdLevel, Volume, Voxel};
 
-use super::level::Level;
 use super::{Along, Packets, Plan};
 use crate::points::Points;
 use crate::{Counters, Integrator};
@@ -108,8 +107,8 @@ fn all_instructions_and_thread_numbers_give_the_same_bits() {
                     let plan = plan(along, 2, estimand);
                     let cast =
                         |level| Packets::new(&density).on(level).image(&camera, &plan, &Watch::default()).unwrap();
-                    let expected = one.install(|| cast(Level::Portable));
-                    for level in Level::available() {
+                    let expected = one.install(|| cast(SimdLevel::Portable));
+                    for level in SimdLevel::available() {
                         let got = four.install(|| cast(level));
                         assert!(got == expected, "{name}, {view}, {along:?}, {estimand}: {level:?} differs");
                     }

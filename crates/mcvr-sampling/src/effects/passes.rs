@@ -6,7 +6,7 @@ use mcvr_scene::{Camera, Density, Kernel, Look};
 use mcvr_volume::{Grid, Voxel, with_voxels};
 
 use crate::real::Real;
-use crate::simd::{SimdLevel, vectorised};
+use mcvr_volume::{SimdLevel, vectorised};
 
 /// Lists the samples of a batch that are inside the image, and their pixels.
 pub(crate) fn compact(pixels: &[u32], miss: u32, live: &mut Vec<u32>, kept: &mut Vec<u32>) {

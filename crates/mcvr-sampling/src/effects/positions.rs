@@ -7,7 +7,7 @@ use crate::Precision;
 use crate::offset::{BoxOffset, BsplineOffset, Offset, ShellOffset, TentOffset};
 use crate::project::{centre_voxel, position};
 use crate::real::Real;
-use crate::simd::{SimdLevel, vectorised};
+use mcvr_volume::{SimdLevel, vectorised};
 
 /// Positions of a batch's samples.
 pub(crate) trait Place: Send + Sync {

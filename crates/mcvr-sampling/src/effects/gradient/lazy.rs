@@ -7,7 +7,7 @@ use mcvr_volume::{Voxel, with_voxels};
 use super::read::{Read, with_read};
 use super::{Gradients, LANES, cell, trilinear};
 use crate::real::Real;
-use crate::simd::{SimdLevel, vectorised};
+use mcvr_volume::{SimdLevel, vectorised};
 
 /// Gradients read from the voxels when they are asked for.
 pub(crate) fn lazy<'a>(density: &'a Density, level: SimdLevel) -> Box<dyn Gradients + 'a> {

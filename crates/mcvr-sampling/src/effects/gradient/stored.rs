@@ -8,7 +8,7 @@ use super::read::{Read, with_read};
 use super::{Gradients, LANES, cell, trilinear};
 use crate::SamplingError;
 use crate::real::Real;
-use crate::simd::{SimdLevel, vectorised};
+use mcvr_volume::{SimdLevel, vectorised};
 
 /// Differences at every voxel and at those that touch the grid from outside, kept.
 pub(crate) struct Stored {

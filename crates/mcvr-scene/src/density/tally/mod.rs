@@ -21,8 +21,8 @@ macro_rules! avx2 {
 
         fn $name<$($declared)*>($($arg: $ty),*) -> $r {
             #[cfg(target_arch = "x86_64")]
-            if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("popcnt") {
-                // SAFETY: the processor has just been asked.
+            if mcvr_volume::SimdLevel::detect() >= mcvr_volume::SimdLevel::Avx2 {
+                // SAFETY: `detect` names only what the processor has.
                 return unsafe { $name::avx2::<$($used)*>($($arg),*) };
             }
             $name::portable::<$($used)*>($($arg),*)

@@ -24,7 +24,7 @@ impl SimdLevel {
 
     /// The wanted level, or the best below it that this processor has; the best of all where none is wanted.
     /// Whatever a caller asks for, no instruction runs that the processor lacks.
-    pub(crate) fn choose(wanted: Option<Self>) -> Self {
+    pub fn choose(wanted: Option<Self>) -> Self {
         wanted.map_or_else(Self::detect, |level| level.min(Self::detect()))
     }
 
@@ -49,12 +49,13 @@ impl SimdLevel {
     }
 }
 
-/// Defines `fn $name($level, args...)` that runs the inlined `$body(args...)` compiled for that level.
+/// Defines `fn $name($level, args...)` that runs the inlined `$body(args...)` compiled for that [`SimdLevel`](crate::SimdLevel).
+#[macro_export]
 macro_rules! vectorised {
     ($(#[$doc:meta])* $vis:vis fn $name:ident $(<$($g:ident : $b:path),*>)? ($($arg:ident : $t:ty),* $(,)?) $(-> $r:ty)? = $body:path) => {
         $(#[$doc])*
         #[allow(clippy::too_many_arguments, reason = "a kernel takes its arrays one by one")]
-        $vis fn $name $(<$($g: $b),*>)? (level: $crate::simd::SimdLevel, $($arg: $t),*) $(-> $r)? {
+        $vis fn $name $(<$($g: $b),*>)? (level: $crate::SimdLevel, $($arg: $t),*) $(-> $r)? {
             #[cfg(target_arch = "x86_64")]
             {
                 #[target_feature(enable = "avx2,popcnt")]
@@ -64,11 +65,11 @@ macro_rules! vectorised {
                 #[allow(clippy::too_many_arguments, reason = "as above")]
                 fn avx512 $(<$($g: $b),*>)? ($($arg: $t),*) $(-> $r)? { $body($($arg),*) }
                 match level {
-                    $crate::simd::SimdLevel::Portable => {}
+                    $crate::SimdLevel::Portable => {}
                     // SAFETY: levels come from `detect`, `available` or `choose`, which name only what the processor has.
-                    $crate::simd::SimdLevel::Avx2 => return unsafe { avx2 $(::<$($g),*>)? ($($arg),*) },
+                    $crate::SimdLevel::Avx2 => return unsafe { avx2 $(::<$($g),*>)? ($($arg),*) },
                     // SAFETY: as above.
-                    $crate::simd::SimdLevel::Avx512 => return unsafe { avx512 $(::<$($g),*>)? ($($arg),*) },
+                    $crate::SimdLevel::Avx512 => return unsafe { avx512 $(::<$($g),*>)? ($($arg),*) },
                 }
             }
             let _ = level;
@@ -76,4 +77,3 @@ macro_rules! vectorised {
         }
     };
 }
-pub(crate) use vectorised;

@@ -2,7 +2,7 @@
 //! bricks help nobody). Criterion's element rate is cells or steps per second on one thread.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use mcvr_raycast::{Counters, Integrator, MarchOptions, Watch, march};
+use mcvr_raycast::{Counters, Integrator, MarchOptions, RayOptions, Watch, march};
 use mcvr_scene::{Camera, Density, DensityMap, Estimand, Extent, Kernel, View};
 use mcvr_volume::Phantom;
 
@@ -47,7 +47,7 @@ fn steps(c: &mut Criterion) {
     let mut group = c.benchmark_group("march");
     group.sample_size(10);
     for kernel in [Kernel::Box, Kernel::Tent, Kernel::Bspline3] {
-        let options = MarchOptions { kernel, ..MarchOptions::default() };
+        let options = MarchOptions::from(RayOptions { kernel, ..RayOptions::default() });
         let run = || march(&density, &camera, &options, &Watch::default()).expect("valid options");
         group.throughput(Throughput::Elements(run().counters.evaluations));
         group.bench_function(kernel.name(), |b| b.iter(|| pool.install(run)));

@@ -14,7 +14,7 @@
 //! A pinhole counts only depths `z ≥ near`.
 //!
 //! [`march`], its combs and [`cast_rays`] (a few rays a pixel, exact in depth) take `tent` rays sixteen at a time, with the image's own
-//! differences as the way from points to pixels ([`MarchOptions::average`]); [`Pilot`] tells their errors from a few tiles.
+//! differences as the way from points to pixels ([`RayOptions::average`]); [`Pilot`] tells their errors from a few tiles.
 //!
 //! [`reference_with_look`] and [`march_with_look`] are the same with [effects](mcvr_scene::effects) on the integrand.
 //!
@@ -45,6 +45,7 @@ mod pilot;
 mod points;
 mod rays;
 mod reference;
+mod rows;
 mod sampled;
 mod view;
 mod walk;
@@ -53,9 +54,9 @@ pub use counters::Counters;
 pub use effects::{LookReference, reference_with_look};
 pub use error::RaycastError;
 pub use integrator::{Integrator, Rays};
-pub use march::{MarchImage, MarchOptions, march};
+pub use march::{MarchOptions, march};
 pub use march_effects::{LookMarch, cast_rays_with_look, march_with_look};
 pub use mcvr_scene::Watch;
 pub use pilot::Pilot;
-pub use rays::{RayOptions, cast_rays};
+pub use rays::{MarchImage, RayOptions, cast_rays};
 pub use reference::{ErrorEstimate, Reference, ReferenceOptions, reference};

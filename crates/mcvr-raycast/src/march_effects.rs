@@ -5,13 +5,13 @@ use std::time::Instant;
 use glam::{DMat3, DVec3};
 use mcvr_scene::effects::Look;
 use mcvr_scene::{Camera, Density, Image, Kernel};
-use rayon::prelude::*;
 
 use crate::field::with_field;
 use crate::line::spline;
 use crate::neighbours::{MakeNeighbours, Neighbours, Stencil, corner};
 use crate::points::Points;
 use crate::reference::image_of;
+use crate::rows::pixels;
 use crate::view::View;
 use crate::{Counters, MarchImage, MarchOptions, RayOptions, RaycastError, Watch, cast_rays, march};
 
@@ -40,19 +40,27 @@ pub fn march_with_look(
     watch: &Watch,
 ) -> Result<LookMarch, RaycastError> {
     let start = Instant::now();
-    let (values, counters) = if look.is_plain() {
-        let m = march(density, camera, options, watch)?;
-        (m.image.values().iter().map(|v| [*v; 3]).collect(), m.counters)
-    } else {
-        options.check(density.volume().grid())?;
-        rows(density, camera, look, options, watch)
-    };
+    if look.is_plain() {
+        return Ok(LookMarch::tinted(camera, look, march(density, camera, options, watch)?));
+    }
+    options.check(density.volume().grid())?;
+    let (values, counters) = rows(density, camera, look, options, watch);
     if watch.cancelled() {
         return Err(RaycastError::Cancelled);
     }
     let count = if look.is_coloured() { 3 } else { 1 };
     let channel = |c: usize| image_of(camera, values.iter().map(|v: &[f64; 3]| v[c] * look.tint[c]));
     Ok(LookMarch { channels: (0..count).map(channel).collect(), counters, seconds: start.elapsed().as_secs_f64() })
+}
+
+impl LookMarch {
+    /// An image without effects along its rays, in the look's colour.
+    fn tinted(camera: &Camera, look: &Look, MarchImage { image, counters, seconds }: MarchImage) -> Self {
+        let count = if look.is_coloured() { 3 } else { 1 };
+        let channel = |t: &f64| image_of(camera, image.values().iter().map(|v| v * t));
+        let channels = look.tint[..count].iter().map(channel).collect();
+        Self { channels, counters, seconds }
+    }
 }
 
 /// Casts exact rays ([`cast_rays()`]) for a look without effects along the ray; its tint counts.
@@ -69,10 +77,7 @@ pub fn cast_rays_with_look(
     if !look.is_plain() {
         return Err(RaycastError::Effects);
     }
-    let MarchImage { image, counters, seconds } = cast_rays(density, camera, options, watch)?;
-    let count = if look.is_coloured() { 3 } else { 1 };
-    let channel = |c: usize| image_of(camera, image.values().iter().map(|v| v * look.tint[c]));
-    Ok(LookMarch { channels: (0..count).map(channel).collect(), counters, seconds })
+    Ok(LookMarch::tinted(camera, look, cast_rays(density, camera, options, watch)?))
 }
 
 fn rows(
@@ -84,61 +89,45 @@ fn rows(
 ) -> (Vec<[f64; 3]>, Counters) {
     let volume = density.volume();
     let grid = volume.grid();
-    let support = options.kernel.support();
+    let rays = &options.rays;
+    let support = rays.kernel.support();
     let low = [-support; 3];
     let high = grid.dims().map(|n| n as f64 - 1.0 + support);
     let make = MakeNeighbours { volume, palette: look.palette.as_ref(), taps: 2 * support.ceil() as usize };
     let (neighbours, _) = with_field(density, make);
     let to_gradient = grid.world_to_index().matrix3.transpose();
-    let sampler = Sampler { neighbours, look, kernel: options.kernel, to_gradient };
-    let view = View::new(camera, grid, options.estimand, density.mass(), 0.0);
-    let points = Points::new(options.rays_per_pixel, options.jitter, options.random_phase, options.seed);
-    let share = 1.0 / f64::from(options.rays_per_pixel);
+    let sampler = Sampler { neighbours, look, kernel: rays.kernel, to_gradient };
+    let view = View::new(camera, grid, rays.estimand, density.mass(), 0.0);
+    let points = Points::new(rays.rays_per_pixel, rays.jitter, options.random_phase, rays.seed);
+    let share = 1.0 / f64::from(rays.rays_per_pixel);
     let spacing = options.step * grid.spacing().min_element();
-    let [x0, x1, y0, y1] = crate::integrator::outline(camera, grid, low, high);
+    let outline = crate::integrator::outline(camera, grid, low, high);
     let mut values = vec![[0.0; 3]; camera.extent().pixels()];
-    let rows: Vec<Counters> = values
-        .par_chunks_mut(camera.extent().width)
-        .enumerate()
-        .with_max_len(1)
-        .map(|(y, row)| {
-            let mut counters = Counters::default();
-            let mut stencil = Stencil::default();
-            let columns = if (y0..y1).contains(&y) && !watch.cancelled() { x0..x1 } else { 0..0 };
-            for x in columns {
-                if watch.cancelled() {
-                    break;
-                }
-                let mut sum = [0.0; 3];
-                for ray in 0..points.rays() {
-                    let [dx, dy, phase] = points.of(x, y, ray);
-                    let (px, py) = (x as f64 + dx, y as f64 + dy);
-                    let (ray, factor) = view.ray(px, py);
-                    let world = view.world(px, py);
-                    counters.rays += 1;
-                    let Some((from, to)) = ray.clip(low, high) else { continue };
-                    // As in the march without effects.
-                    let dt = spacing * camera.depth_rate(px, py);
-                    let first = (from / dt - phase).ceil();
-                    let steps = ((to / dt - phase).ceil() - first) as u64;
-                    counters.evaluations += steps;
-                    for s in 0..steps {
-                        let t = (first + s as f64 + phase) * dt;
-                        let u = DVec3::from(ray.origin) + DVec3::from(ray.direction) * t;
-                        let at = world.origin + world.direction * t;
-                        let value = sampler.at(u, at, world.depth + t, &mut stencil, &mut counters);
-                        let weight = dt * factor * if view.squared() { t * t } else { 1.0 };
-                        sum.iter_mut().zip(value).for_each(|(s, v)| *s += weight * v);
-                    }
-                }
-                row[x] = sum.map(|s| s * share);
+    let counters = pixels(&mut values, camera, outline, watch, |stencil: &mut Stencil, x, y, counters| {
+        let mut sum = [0.0; 3];
+        for ray in 0..points.rays() {
+            let [dx, dy, phase] = points.of(x, y, ray);
+            let (px, py) = (x as f64 + dx, y as f64 + dy);
+            let (ray, factor) = view.ray(px, py);
+            let world = view.world(px, py);
+            counters.rays += 1;
+            let Some((from, to)) = ray.clip(low, high) else { continue };
+            // As in the march without effects.
+            let dt = spacing * camera.depth_rate(px, py);
+            let first = (from / dt - phase).ceil();
+            let steps = ((to / dt - phase).ceil() - first) as u64;
+            counters.evaluations += steps;
+            for s in 0..steps {
+                let t = (first + s as f64 + phase) * dt;
+                let u = DVec3::from(ray.origin) + DVec3::from(ray.direction) * t;
+                let at = world.origin + world.direction * t;
+                let value = sampler.at(u, at, world.depth + t, stencil, counters);
+                let weight = dt * factor * if view.squared() { t * t } else { 1.0 };
+                sum.iter_mut().zip(value).for_each(|(s, v)| *s += weight * v);
             }
-            watch.advance(1);
-            counters
-        })
-        .collect();
-    let mut counters = Counters::default();
-    rows.into_iter().for_each(|c| counters += c);
+        }
+        sum.map(|s| s * share)
+    });
     (values, counters)
 }
 

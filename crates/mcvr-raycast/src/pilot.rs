@@ -11,7 +11,7 @@ use crate::points::Points;
 use crate::{Counters, RaycastError};
 
 /// What a pilot found out. Errors are RMSE over the whole image, as shares of its mean pixel; they are of rays through the pixels'
-/// centres, averaged over pixels from their neighbours ([`MarchOptions::average`](crate::MarchOptions::average)).
+/// centres, averaged over pixels from their neighbours ([`RayOptions::average`](crate::RayOptions::average)).
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Pilot {
     /// Tiles of 8 by 8 pixels whose rays can meet density; rays are cast in no others.

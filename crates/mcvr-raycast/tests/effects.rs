@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 use common::*;
 use glam::DVec3;
 use mcvr_raycast::{
-    LookMarch, LookReference, MarchOptions, RaycastError, ReferenceOptions, Watch, march, march_with_look,
+    LookMarch, LookReference, MarchOptions, RayOptions, RaycastError, ReferenceOptions, Watch, march, march_with_look,
     reference_with_look,
 };
 use mcvr_scene::effects::{
@@ -90,7 +90,7 @@ fn slow_march(d: &Density, camera: &Camera, look: &Look, options: &MarchOptions,
     let ray = camera.ray(px, py);
     let to_index = grid.world_to_index();
     let (o, v) = (to_index.transform_point3(ray.origin), to_index.transform_vector3(ray.direction));
-    let s = options.kernel.support();
+    let s = options.rays.kernel.support();
     let (mut from, mut to) = (ray.start, f64::INFINITY);
     for a in 0..3 {
         let (p, q) = ((-s - o[a]) / v[a], (grid.dims()[a] as f64 - 1.0 + s - o[a]) / v[a]);
@@ -107,11 +107,11 @@ fn slow_march(d: &Density, camera: &Camera, look: &Look, options: &MarchOptions,
     for n in sample(from) as i64..sample(to) as i64 {
         let x = ray.origin + ray.direction * (zero + (n as f64 + 0.5) * dl);
         let depth = camera.project(x).2;
-        let weight = match options.estimand {
+        let weight = match options.rays.estimand {
             Estimand::Line => dl,
             Estimand::Count => dl / camera.line_factor(px, py, depth) / d.mass(),
         };
-        let value = integrand(d, options.kernel, look, x, depth);
+        let value = integrand(d, options.rays.kernel, look, x, depth);
         (0..3).for_each(|c| sum[c] += weight * value[c]);
     }
     sum
@@ -127,7 +127,10 @@ fn the_march_takes_its_steps_by_the_definitions() {
                 for parallel in [false, true] {
                     let camera = look(&grid, 25.0, 15.0, parallel, 5);
                     let look = look_of(&effects(case), &d, &camera);
-                    let options = MarchOptions { step: 0.37, kernel, estimand, ..MarchOptions::default() };
+                    let options = MarchOptions {
+                        step: 0.37,
+                        ..(RayOptions { kernel, estimand, ..RayOptions::default() }).into()
+                    };
                     let m = march_of(&d, &camera, &look, &options);
                     let scale = m.channels[0].max();
                     assert!(scale > 0.0);
@@ -159,7 +162,10 @@ fn the_reference_is_what_the_march_converges_to() {
                 let look = look_of(&effects(case), &d, &camera);
                 let r = reference_of(&d, &camera, &look, &options(estimand, kernel, 3e-3));
                 let at = |step, rays_per_pixel| {
-                    let o = MarchOptions { step, rays_per_pixel, kernel, estimand, ..MarchOptions::default() };
+                    let o = MarchOptions {
+                        step,
+                        ..(RayOptions { rays_per_pixel, kernel, estimand, ..RayOptions::default() }).into()
+                    };
                     march_of(&d, &camera, &look, &o).channels
                 };
                 let (coarse, fine) = (at(0.1, 64), at(0.05, 256));
@@ -329,7 +335,10 @@ fn flat_regions_and_lights_inside_are_finite_and_right() {
                     let all = r.channels[0].values().iter().chain(r.errors[0].image.values());
                     assert!(all.clone().all(|v| v.is_finite()), "{name} {place:?} {kernel}");
                     let at = |step, rays_per_pixel| {
-                        let o = MarchOptions { step, rays_per_pixel, kernel, ..MarchOptions::default() };
+                        let o = MarchOptions {
+                            step,
+                            ..(RayOptions { rays_per_pixel, kernel, ..RayOptions::default() }).into()
+                        };
                         march_of(d, &camera, &look, &o).channels
                     };
                     let (coarse, fine) = (at(0.1, 64), at(0.05, 256));
@@ -352,7 +361,8 @@ fn a_scene_pays_only_for_the_effects_it_names() {
         let look = look_of(&e, &d, &camera);
         for kernel in KERNELS {
             let r = reference_of(&d, &camera, &look, &options(Estimand::Line, kernel, 1e-1)).counters;
-            let m = march_of(&d, &camera, &look, &MarchOptions { kernel, ..MarchOptions::default() }).counters;
+            let m = march_of(&d, &camera, &look, &MarchOptions::from(RayOptions { kernel, ..RayOptions::default() }))
+                .counters;
             for c in [r, m] {
                 assert_eq!(c.gradients > 0, e.shading.is_some(), "{case} {kernel}: {c:?}");
                 assert_eq!(c.colours > 0, !e.materials.is_empty(), "{case} {kernel}: {c:?}");
@@ -376,7 +386,7 @@ fn a_plain_look_takes_the_plain_way() {
         let (r, plain) = (reference_of(&d, &camera, &Look::plain(), &o), run(&d, &camera, &o));
         assert_eq!((&r.channels, r.counters), (&vec![plain.image], plain.counters));
         assert_eq!(r.errors, [plain.error]);
-        let o = MarchOptions { kernel, ..MarchOptions::default() };
+        let o = MarchOptions::from(RayOptions { kernel, ..RayOptions::default() });
         let plain = march(&d, &camera, &o, &Watch::default()).unwrap();
         let m = march_of(&d, &camera, &Look::plain(), &o);
         assert_eq!((m.channels, m.counters), (vec![plain.image], plain.counters));
@@ -413,7 +423,12 @@ fn any_number_of_threads_gives_the_same_bits() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
             let r = reference_of(&d, &camera, &look, &options(Estimand::Line, Kernel::Tent, 1e-2));
-            let m = march_of(&d, &camera, &look, &MarchOptions { rays_per_pixel: 5, ..MarchOptions::default() });
+            let m = march_of(
+                &d,
+                &camera,
+                &look,
+                &MarchOptions::from(RayOptions { rays_per_pixel: 5, ..RayOptions::default() }),
+            );
             (r.channels, r.errors, r.counters, m.channels, m.counters)
         })
     };

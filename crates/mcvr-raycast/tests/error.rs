@@ -4,7 +4,7 @@
 mod common;
 
 use common::*;
-use mcvr_raycast::{MarchOptions, ReferenceOptions, Watch, march};
+use mcvr_raycast::{MarchOptions, RayOptions, ReferenceOptions, Watch, march};
 use mcvr_scene::{Camera, Density, Estimand, Image, Kernel};
 
 fn rmse(a: &Image, b: &Image) -> f64 {
@@ -70,16 +70,8 @@ fn the_march_converges_to_the_reference_with_rays_and_step() {
     {
         let truth = run(&d, &camera, &options(estimand, kernel, 3e-4)).image;
         let error = |rays, step, jitter| {
-            let o = MarchOptions {
-                rays_per_pixel: rays,
-                step,
-                jitter,
-                estimand,
-                kernel,
-                seed: 1,
-                random_phase: false,
-                average: false,
-            };
+            let rays = RayOptions { rays_per_pixel: rays, jitter, estimand, kernel, seed: 1, average: false };
+            let o = MarchOptions { step, random_phase: false, rays };
             rmse(&march(&d, &camera, &o, &Watch::default()).unwrap().image, &truth)
         };
         let centre = error(1, 0.1, false);

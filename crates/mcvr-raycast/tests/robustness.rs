@@ -6,7 +6,9 @@ mod common;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use common::*;
-use mcvr_raycast::{Counters, Integrator, MarchOptions, RaycastError, ReferenceOptions, Watch, march, reference};
+use mcvr_raycast::{
+    Counters, Integrator, MarchOptions, RayOptions, RaycastError, ReferenceOptions, Watch, march, reference,
+};
 use mcvr_scene::{Camera, Density, Estimand, Extent, Kernel, View};
 use mcvr_volume::Grid;
 
@@ -89,13 +91,9 @@ fn flat_and_single_voxel_volumes_keep_their_mass() {
             for kernel in KERNELS {
                 let r = run(&d, &camera, &options(Estimand::Count, kernel, 1e-4));
                 assert!((r.image.sum() - 1.0).abs() < 1e-5, "{dims:?} {kernel}: {}", r.image.sum());
-                let o = MarchOptions {
-                    kernel,
-                    estimand: Estimand::Count,
-                    rays_per_pixel: 64,
-                    step: 0.1,
-                    ..Default::default()
-                };
+                let rays =
+                    RayOptions { kernel, estimand: Estimand::Count, rays_per_pixel: 64, ..RayOptions::default() };
+                let o = MarchOptions { step: 0.1, ..rays.into() };
                 let m = march(&d, &camera, &o, &Watch::default()).unwrap();
                 assert!((m.image.sum() - 1.0).abs() < 0.02, "{dims:?} {kernel}: {}", m.image.sum());
             }
@@ -130,7 +128,7 @@ fn images_do_not_depend_on_the_number_of_threads() {
     let all = |threads: usize| {
         rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(|| {
             let r = run(&d, &camera, &options(Estimand::Line, Kernel::Tent, 1e-3));
-            let o = MarchOptions { rays_per_pixel: 3, seed: 5, ..MarchOptions::default() };
+            let o = MarchOptions::from(RayOptions { rays_per_pixel: 3, seed: 5, ..RayOptions::default() });
             let m = march(&d, &camera, &o, &Watch::default()).unwrap();
             (r.image, r.error, r.counters, m.image, m.counters)
         })
@@ -163,9 +161,10 @@ fn unusable_options_are_refused_with_the_value() {
     let march_with = |step| march(&d, &camera, &MarchOptions { step, ..good }, &w);
     assert!(matches!(march_with(1e-30), Err(RaycastError::Steps { .. })));
     assert!(matches!(march_with(0.999 * smallest), Err(RaycastError::Steps { .. })));
-    let o = MarchOptions { rays_per_pixel: 0, ..good };
+    let o = MarchOptions::from(RayOptions { rays_per_pixel: 0, ..good.rays });
     assert!(matches!(march(&d, &camera, &o, &w), Err(RaycastError::Rays { given: 0, .. })));
-    assert_eq!(march(&d, &camera, &MarchOptions { kernel: Kernel::Shell, ..good }, &w), Err(RaycastError::Shell));
+    let o = MarchOptions::from(RayOptions { kernel: Kernel::Shell, ..good.rays });
+    assert_eq!(march(&d, &camera, &o, &w), Err(RaycastError::Shell));
 }
 
 #[test]
@@ -210,7 +209,7 @@ fn views_from_beyond_all_precision_stay_within_the_volume() {
             let Ok(camera) = Camera::look(&view, &grid, Extent::new(12, 9).unwrap()) else { continue };
             for kernel in [Kernel::Box, Kernel::Tent, Kernel::Bspline3] {
                 for estimand in Estimand::ALL {
-                    let options = MarchOptions { kernel, estimand, ..MarchOptions::default() };
+                    let options = MarchOptions::from(RayOptions { kernel, estimand, ..RayOptions::default() });
                     let image = march(&d, &camera, &options, &Watch::default()).unwrap().image;
                     assert!(
                         image.values().iter().all(|v| v.is_finite()),

@@ -310,22 +310,13 @@ fn cast(
     let phases = |projection| PhaseSeconds { distribution, sampling: 0.0, projection, complete: 0.0 };
     if request.method != Method::Exact {
         let rays_per_pixel = rays_per_pixel(request.samples, camera, request.jitter);
-        let average = !request.jitter && look.is_plain();
-        let options = MarchOptions {
-            step: request.step,
-            random_phase: request.method == Method::Comb,
-            rays_per_pixel,
-            jitter: request.jitter,
-            average: average && request.method == Method::Comb,
-            kernel,
-            estimand,
-            seed,
-        };
+        let average = request.method != Method::March && !request.jitter && look.is_plain();
+        let rays = RayOptions { rays_per_pixel, jitter: request.jitter, average, kernel, estimand, seed };
         let made = if request.method == Method::Rays {
-            let options = RayOptions { rays_per_pixel, jitter: request.jitter, average, kernel, estimand, seed };
-            cast_rays_with_look(density, camera, &look, &options, watch)?
+            cast_rays_with_look(density, camera, &look, &rays, watch)?
         } else {
-            march_with_look(density, camera, &look, &options, watch)?
+            let random_phase = request.method == Method::Comb;
+            march_with_look(density, camera, &look, &MarchOptions { step: request.step, random_phase, rays }, watch)?
         };
         let counters = json!({ "rays_per_pixel": rays_per_pixel, "march": made.counters });
         let (image, colour) = channels(made.channels);

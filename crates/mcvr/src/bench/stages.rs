@@ -6,7 +6,8 @@
 use mcvr_mc::{OrderStatistics, Quicksorted, Stratified};
 use mcvr_qmc::{Scramble, SobolNet};
 use mcvr_raycast::{
-    Counters, Integrator, MarchOptions, ReferenceOptions, march, march_with_look, reference, reference_with_look,
+    Counters, Integrator, MarchOptions, RayOptions, ReferenceOptions, march, march_with_look, reference,
+    reference_with_look,
 };
 use mcvr_sampling::{
     Distribution, PointBlock, PointStream, ProjectOptions, Provenance, RenderOptions, VoxelOrder, block_count,
@@ -159,7 +160,7 @@ fn cloud_project(estimand: Estimand) -> Stage {
 fn marching(kernel: Kernel) -> Stage {
     Stage::new(format!("march/{kernel}"), "step", move || {
         let Scene { density, camera, .. } = dense()?;
-        let options = MarchOptions { kernel, ..MarchOptions::default() };
+        let options = MarchOptions::from(RayOptions { kernel, ..RayOptions::default() });
         let run = move || Ok(march(density, camera, &options, &Watch::default())?.counters.evaluations);
         Ok(Prepared::new(run()?, if kernel == Kernel::Bspline3 { 1 } else { 6 }, run))
     })

@@ -1,7 +1,7 @@
 //! Rays and grids: edges, corners, shapes, spacings, directions, origins.
 
 use glam::{DMat3, DVec3};
-use mcvr_raycast::MarchOptions;
+use mcvr_raycast::{MarchOptions, RayOptions};
 use mcvr_scene::{Camera, Estimand, Extent, Kernel, View, Watch};
 use mcvr_volume::{Grid, Volume};
 
@@ -333,7 +333,7 @@ pub(super) fn endless_steps(_: &Context) -> Result<Finding, CaseError> {
     let volume = filled(Grid::new([1 << 10, 1, 1], DVec3::new(1e3, 1.0, 1.0), DVec3::ZERO, DMat3::IDENTITY)?, bytes)?;
     let view = View { azimuth: 0.0, elevation: 0.0, ..View::default() };
     let scenery = plain(&volume, Camera::look(&view, volume.grid(), Extent::new(1, 1)?)?);
-    let options = MarchOptions { kernel: Kernel::Box, ..MarchOptions::default() };
+    let options = MarchOptions::from(RayOptions { kernel: Kernel::Box, ..RayOptions::default() });
     let smallest = options.smallest_step(volume.grid());
     let request = |step| Request { method: Method::March, samples: 1, kernel: Kernel::Box, step, ..Request::default() };
     let (mut wrong, mut of) = (0, 0);

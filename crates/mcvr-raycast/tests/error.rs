@@ -4,7 +4,7 @@
 mod common;
 
 use common::*;
-use mcvr_raycast::{MarchOptions, RayOptions, ReferenceOptions, Watch, march};
+use mcvr_raycast::{MarchOptions, RayOptions, ReferenceOptions, Watch, cast_rays, march};
 use mcvr_scene::{Camera, Density, Estimand, Image, Kernel};
 
 fn rmse(a: &Image, b: &Image) -> f64 {
@@ -93,4 +93,54 @@ fn counters_add_up() {
     let m = march(&d, &camera, &MarchOptions::default(), &Watch::default()).unwrap();
     assert!(m.counters.rays <= 32 * 32 && m.counters.cells == 0);
     assert!(m.counters.voxel_reads <= 8 * m.counters.evaluations);
+}
+
+/// A smooth bump: at 32 pixels across, an image without edges.
+fn bump() -> Density {
+    let grid = plain_grid([24, 24, 24]);
+    let weight = |i: usize| {
+        let d = |n: usize| (n as f64 - 11.5) / 5.0;
+        let square = d(i % 24).powi(2) + d(i / 24 % 24).powi(2) + d(i / 576).powi(2);
+        (4e4 * (-0.5 * square).exp()) as u16
+    };
+    density(grid.clone(), (0..grid.len()).map(weight).collect::<Vec<u16>>())
+}
+
+#[test]
+fn a_margin_moves_no_ray() {
+    let d = bump();
+    for parallel in [false, true] {
+        let camera = look(d.volume().grid(), 30.0, 20.0, parallel, 32);
+        let wide = camera.with_margin(3).unwrap();
+        let rays = RayOptions { kernel: Kernel::Bspline3, ..RayOptions::default() };
+        let [plain, wide] = [&camera, &wide].map(|c| cast_rays(&d, c, &rays, &Watch::default()).unwrap().image);
+        assert_eq!((wide.extent().width, wide.extent().height), (38, 38));
+        for (at, v) in plain.values().iter().enumerate() {
+            let w = wide.values()[(at / 32 + 3) * 38 + at % 32 + 3];
+            assert!((v - w).abs() <= 1e-9 * plain.max(), "parallel {parallel}, pixel {at}: {v} and {w}");
+        }
+    }
+}
+
+#[test]
+fn averaging_over_pixels_lowers_the_error_and_steepens_its_fall() {
+    let d = bump();
+    for (parallel, estimand) in [(false, Estimand::Line), (true, Estimand::Line), (false, Estimand::Count)] {
+        let error = |pixels, side: u32, average| {
+            let camera = look(d.volume().grid(), 30.0, 20.0, parallel, pixels);
+            let truth = run(&d, &camera, &options(estimand, Kernel::Tent, 1e-6)).image;
+            let rays = RayOptions { rays_per_pixel: side * side, average, estimand, ..RayOptions::default() };
+            rmse(&cast_rays(&d, &camera, &rays, &Watch::default()).unwrap().image, &truth)
+        };
+        let order = |e: [f64; 3]| (e[0] / e[2]).log2() / 2.0;
+        // In the rays at the same pixels, both fall by the square: what is left is a share of the curvature.
+        let [plain, averaged] = [false, true].map(|average| [1, 2, 4].map(|n| error(32, n, average)));
+        assert!((1.9..2.1).contains(&order(plain)), "{estimand}: {plain:?}");
+        assert!((1.9..2.5).contains(&order(averaged)), "{estimand}: {averaged:?}");
+        // In the pixels' size, what is left falls by the square and by a higher power.
+        let [plain, averaged] = [false, true].map(|average| [16, 32, 64].map(|pixels| error(pixels, 1, average)));
+        assert!((1.9..2.1).contains(&order(plain)), "{estimand}: {plain:?}");
+        assert!(order(averaged) > 3.0, "{estimand}: {averaged:?}");
+        assert!(plain.iter().zip(averaged).all(|(p, a)| a < 0.06 * p), "{estimand}: {averaged:?} after {plain:?}");
+    }
 }

@@ -22,7 +22,8 @@ pub fn draw_cloud(
     let Request { method, seed, order, .. } = *request;
     let refuse = |problem: String| Err(MakeError::Sampling(SamplingError::Cloud(problem)));
     if !method.samples_volume() {
-        return refuse(format!("{method} casts rays and draws no points; use qmc, stratified or mc"));
+        let why = if method == Method::Auto { "may cast rays" } else { "casts rays" };
+        return refuse(format!("{method} {why} and draws no points; use qmc, stratified or mc"));
     }
     if order == VoxelOrder::Depth {
         return refuse("order depth follows a view, and a cloud has none; use raster, hilbert, y or z".into());

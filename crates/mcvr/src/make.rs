@@ -9,7 +9,7 @@ use mcvr_qmc::{Scramble, SobolNet};
 use mcvr_raycast::{
     MarchOptions, RayOptions, RaycastError, ReferenceOptions, cast_rays_with_look, march_with_look, reference_with_look,
 };
-use mcvr_refine::RefineError;
+use mcvr_refine::{Goal, RefineError};
 use mcvr_sampling::{
     Distribution, PointStream, RenderOptions, Rendered, SamplingError, VoxelOrder, check_samples, render_look,
 };
@@ -172,6 +172,9 @@ pub fn make(scenery: &Scenery, request: &Request, watch: &Watch<'_>) -> Result<M
     if request.method.samples_volume() {
         // Before the volume is read.
         check(request)?;
+    }
+    if request.method == Method::Auto {
+        Goal { error: Some(request.error), ..Goal::default() }.check()?;
     }
     let density = Density::new(&scenery.volume, scenery.map.clone())?;
     let choice = match request.method {

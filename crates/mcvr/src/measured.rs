@@ -43,17 +43,17 @@ impl mcvr_harness::Method for Measured<'_> {
     }
 
     fn budget_unit(&self) -> &'static str {
-        if self.request.method == Method::March { "rays" } else { "samples" }
+        if self.request.method.casts_rays() { "rays" } else { "samples" }
     }
 
-    /// A march casts a square number of rays a pixel and takes part only where doubling the budget has bought
+    /// What casts rays takes a square number of rays a pixel and takes part only where doubling the budget has bought
     /// more of them, up to 25: there its step's bias has long been reached. The linear search stops where it
     /// takes minutes.
     fn accepts(&self, samples: u64) -> bool {
         let pixels = self.scenery.camera.extent().pixels() as u64;
         let side = |rays: u64| (rays / pixels).isqrt();
         match self.request.method {
-            Method::March => (1..=5).contains(&side(samples)) && side(samples) > side(samples / 2),
+            Method::March | Method::Rays | Method::Comb => (1..=5).contains(&side(samples)) && side(samples) > side(samples / 2),
             Method::McLinear => samples <= 1 << 10,
             _ => true,
         }

@@ -1,11 +1,10 @@
 //! What work costs, in nanoseconds of one thread.
 
 use mcvr_volume::Volume;
-use serde::Serialize;
 
 /// Nanoseconds of one thread, calibrated once on a processor of 2023 with AVX-512. Only ratios matter to a choice.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Costs {
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Costs {
     /// A ray: its start, and its share of the tiles' bookkeeping.
     pub ray: f64,
     /// A sample along a ray.

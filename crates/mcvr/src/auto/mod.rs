@@ -1,19 +1,19 @@
 //! The method and the budget for an error, chosen by the program.
 //!
 //! [`choose`] casts the rays of a few tiles of the image ([`Pilot`]), so that it knows how the scan's depth and the pixels' areas
-//! resist rays, and compares what every candidate would take for the error that is asked for by a cost model in nanoseconds
-//! ([`Costs`]). Work is counted, never timed: the choice is the same on every machine and for any number of threads.
+//! resist rays, and compares what every candidate would take for the error that is asked for by a cost model in nanoseconds. Work is counted, never timed: the choice is the same on every machine and for any number of threads.
 
 mod candidates;
 mod costs;
 
 use mcvr_raycast::Pilot;
+use mcvr_refine::Goal;
 use mcvr_scene::{Density, Kernel, Watch};
 use serde::Serialize;
 
 use crate::{MakeError, Method, Request, Scenery};
 use candidates::candidates;
-pub use costs::Costs;
+use costs::Costs;
 
 /// A way to the error asked for.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -59,6 +59,7 @@ fn tiles(error: f64) -> usize {
 /// # Errors
 /// [`MakeError`] when the scene is unusable or `watch` cancels.
 pub fn choose(density: &Density, scenery: &Scenery, request: &Request, watch: &Watch<'_>) -> Result<Choice, MakeError> {
+    Goal { error: Some(request.error), ..Goal::default() }.check()?;
     let camera = &scenery.camera;
     let plain = scenery.effects.look(density.volume().grid(), camera)?.is_plain();
     let pilot = if plain && request.kernel == Kernel::Tent {

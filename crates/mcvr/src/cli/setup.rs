@@ -7,7 +7,7 @@ use anyhow::bail;
 use mcvr::scene::film::{Film, Tone};
 use mcvr::scene::{Camera, DensityMap, Extent, View};
 use mcvr::volume::{FileFormat, Grid, RawOptions};
-use mcvr::{CameraSection, ErrorSection, Request, SceneFile, Scenery};
+use mcvr::{CameraSection, ErrorSection, Method, Request, SceneFile, Scenery};
 use serde_json::{Value, json};
 
 use super::args::{BudgetArgs, DensityArgs, ImageArgs, MethodArgs, ToneArgs, ViewArgs, VolumeArgs};
@@ -112,6 +112,17 @@ pub fn setup(
         cull: !method.no_cull && sampling.cull.unwrap_or(defaults.cull),
         tolerance: method.tolerance.or(sampling.tolerance).unwrap_or(defaults.tolerance),
     };
+    if request.method == Method::Auto {
+        let by_scene = sampling.method == Some(Method::Auto);
+        let given = [
+            ("samples", budget.samples.is_some() || by_scene && sampling.samples.is_some()),
+            ("jitter", method.jitter || by_scene && sampling.jitter.is_some()),
+            ("step", method.step.is_some() || by_scene && sampling.step.is_some()),
+        ];
+        if let Some((name, _)) = given.iter().find(|(_, given)| *given) {
+            bail!("--method auto chooses the {name} itself: leave {name} out, or name a method; --error says what auto is to reach");
+        }
+    }
     let base = scene.tone.unwrap_or_default();
     let tone = Tone {
         curve: tone.tone.unwrap_or(base.curve),

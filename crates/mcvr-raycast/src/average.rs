@@ -6,12 +6,16 @@
 //! methods on Cartesian grids*, J. Sci. Comput. 61, 2014). For the mean of the centres of `n` parts of a cell the factors are
 //! `1/(24 n²)` and `-(1/(288 n²) - 1/(1920 n⁴))`: the series of `sinc(f/n)` in the response of the second difference.
 //!
-//! What it leaves is the image's roughness below a pixel. No value is invented where the image ends: rays are cast through a
+//! Where an image is smooth at the scale of several pixels, one ray may serve a block of them: their means are those of the polynomial
+//! through the ray's value and its neighbours'.
+//!
+//! What is left is the image's roughness below a pixel, or a block. No value is invented where the image ends: rays are cast through a
 //! [margin](MARGIN) around it.
 
 use mcvr_scene::{Camera, Image, SceneError};
+use rayon::prelude::*;
 
-/// Pixels beyond the image on each side whose values the formula reads.
+/// Values beyond the image on each side that the formulas read.
 pub(crate) const MARGIN: usize = 2;
 
 /// Factors on the value itself and on both neighbours at one and two pixels, for means of `n` centres.
@@ -22,31 +26,81 @@ fn stencil(n: f64) -> [f64; 3] {
     [1.0 - 2.0 * second + 6.0 * fourth, second - 4.0 * fourth, fourth]
 }
 
-/// Means over the camera's pixels, from values at `n` by `n` centres a pixel of the camera [with a margin](Camera::with_margin).
+/// How values become means over pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Rays {
+    /// A grid of so many by so many rays in every pixel.
+    Grid(u32),
+    /// One ray for a block of so many by so many pixels.
+    Block(u32),
+}
+
+impl Rays {
+    /// Pixels along the side of a block.
+    pub fn block(self) -> u32 {
+        if let Rays::Block(side) = self { side } else { 1 }
+    }
+
+    /// Factors on a value and its neighbours along an axis, for every pixel along the side of a block.
+    fn taps(self) -> Vec<[f64; 5]> {
+        match self {
+            Rays::Block(side) if side > 1 => (0..side).map(|n| part(n, side)).collect(),
+            Rays::Grid(_) | Rays::Block(_) => {
+                let [c0, c1, c2] = stencil(if let Rays::Grid(n) = self { f64::from(n) } else { 1.0 });
+                vec![[c2, c1, c0, c1, c2]]
+            }
+        }
+    }
+}
+
+/// Means of the polynomial of degree 4 through five values, at -2 to 2, over part `n` of `of` parts of [-1/2, 1/2].
+fn part(n: u32, of: u32) -> [f64; 5] {
+    let width = 1.0 / f64::from(of);
+    let middle = (f64::from(n) + 0.5) * width - 0.5;
+    let basis = |i: usize, x: f64| {
+        let others = (0..5).filter(|m| *m != i);
+        others.map(|m| (x + 2.0 - m as f64) / (i as f64 - m as f64)).product::<f64>()
+    };
+    // Gauss' formula of three points: exact for degree 5.
+    let away = 0.6f64.sqrt() * 0.5 * width;
+    std::array::from_fn(|i| (5.0 * (basis(i, middle - away) + basis(i, middle + away)) + 8.0 * basis(i, middle)) / 18.0)
+}
+
+/// Rows of blocks that are made together.
+const BAND: usize = 16;
+
+/// Means over the camera's pixels times `scale`, from values of the camera [in blocks with a margin](Camera::in_blocks).
 ///
 /// # Errors
 /// [`SceneError::Image`] when the image is not the camera's with a margin.
-pub(crate) fn over_pixels(wide: &Image, camera: &Camera, n: u32) -> Result<Image, SceneError> {
+pub(crate) fn over_pixels(wide: &Image, camera: &Camera, rays: Rays, scale: f64) -> Result<Image, SceneError> {
     let extent = camera.extent();
-    let (width, height) = (extent.width, extent.height);
-    let across = width + 2 * MARGIN;
-    if wide.extent().width != across || wide.extent().height != height + 2 * MARGIN {
+    let side = rays.block() as usize;
+    let across = extent.width.div_ceil(side) + 2 * MARGIN;
+    if wide.extent().width != across || wide.extent().height != extent.height.div_ceil(side) + 2 * MARGIN {
         return Err(SceneError::Image(format!("{} pixels are not {extent} with a margin", wide.extent())));
     }
-    let [c0, c1, c2] = stencil(f64::from(n));
-    let values = wide.values();
-    // Along y first, a row at a time.
-    let mut column = vec![0.0; across];
-    let mut out = Vec::with_capacity(extent.pixels());
-    for y in 0..height {
-        let row = |dy: usize| &values[across * (y + dy)..][..across];
-        let (a, b, c, d, e) = (row(0), row(1), row(2), row(3), row(4));
-        for (x, v) in column.iter_mut().enumerate() {
-            *v = c0 * c[x] + c1 * (b[x] + d[x]) + c2 * (a[x] + e[x]);
+    let (values, taps) = (wide.values(), rays.taps());
+    let mut image = Image::zeros(extent);
+    image.values_mut().par_chunks_mut(BAND * side * extent.width).enumerate().for_each(|(band, rows)| {
+        // Along y first, a row at a time.
+        let mut column = vec![0.0; across];
+        for (y, out) in rows.chunks_mut(extent.width).enumerate() {
+            let first = band * BAND + y / side;
+            let row = |dy: usize| &values[across * (first + dy)..][..across];
+            let (a, b, c, d, e) = (row(0), row(1), row(2), row(3), row(4));
+            let t = taps[y % side].map(|t| t * scale);
+            for (x, v) in column.iter_mut().enumerate() {
+                *v = t[2] * c[x] + t[1] * b[x] + t[3] * d[x] + (t[0] * a[x] + t[4] * e[x]);
+            }
+            for (n, t) in taps.iter().enumerate() {
+                for (v, c) in out[n.min(extent.width)..].iter_mut().step_by(side).zip(column.windows(5)) {
+                    *v = t[2] * c[2] + t[1] * c[1] + t[3] * c[3] + (t[0] * c[0] + t[4] * c[4]);
+                }
+            }
         }
-        out.extend(column.windows(5).map(|v| c0 * v[2] + c1 * (v[1] + v[3]) + c2 * (v[0] + v[4])));
-    }
-    Image::from_values(extent, out)
+    });
+    Ok(image)
 }
 
 /// By what factor averaging lowers errors that are independent from pixel to pixel, for `n` by `n` rays a pixel.

@@ -67,6 +67,17 @@ pub enum RaycastError {
         jitter: bool,
     },
 
+    /// A ray serves a block of pixels only where means are told from neighbours.
+    #[error(
+        "blocks of pixels that share a ray must be 1 to {limit} pixels wide, and those of more than 1 need one ray each and averaging over pixels, got {given}"
+    )]
+    Block {
+        /// Pixels along a side.
+        given: u32,
+        /// The largest that is accepted.
+        limit: u32,
+    },
+
     /// The image with its margin is too large.
     #[error("the image with a margin for its means: {0}")]
     Image(String),

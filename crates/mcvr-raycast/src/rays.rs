@@ -6,12 +6,13 @@ use mcvr_scene::{Camera, Density, Estimand, Image, Kernel};
 use mcvr_volume::Grid;
 use serde::Serialize;
 
+use crate::average::{self, Rays};
 use crate::error::check_extents;
 use crate::integrator::outline;
 use crate::packet::{Along, Packets, Plan};
 use crate::points::Points;
 use crate::rows::pixels;
-use crate::{Counters, Integrator, RaycastError, Watch, average};
+use crate::{Counters, Integrator, RaycastError, Watch};
 
 /// Which rays to cast.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -25,6 +26,9 @@ pub struct RayOptions {
     /// one ray a pixel and less of more; needs a grid of rays (a square number, no jitter), and is not there with effects. Beside
     /// bright edges a value may come out a little below 0.
     pub average: bool,
+    /// Pixels along the side of a block that shares one ray: 1 for rays in every pixel. More of them need `average` and one ray a
+    /// pixel (of the block), and serve images that are smooth at that scale.
+    pub block: u32,
     /// How weights are spread; not `shell`.
     pub kernel: Kernel,
     /// What a pixel means (METHOD section 2).
@@ -37,16 +41,22 @@ impl RayOptions {
     /// Largest `rays_per_pixel`.
     pub const RAYS_LIMIT: u32 = 1 << 20;
 
+    /// Largest `block`.
+    pub const BLOCK_LIMIT: u32 = 8;
+
     /// # Errors
-    /// [`RaycastError::Shell`], [`RaycastError::Extent`], [`RaycastError::Rays`] or [`RaycastError::Grid`].
+    /// [`RaycastError::Shell`], [`RaycastError::Extent`], [`RaycastError::Rays`], [`RaycastError::Grid`] or [`RaycastError::Block`].
     pub(crate) fn check(&self, grid: &Grid) -> Result<(), RaycastError> {
         check_extents(grid)?;
-        let Self { rays_per_pixel: rays, jitter, average, kernel, .. } = *self;
+        let Self { rays_per_pixel: rays, jitter, average, block, kernel, .. } = *self;
         if !(1..=Self::RAYS_LIMIT).contains(&rays) {
             return Err(RaycastError::Rays { given: rays, limit: Self::RAYS_LIMIT });
         }
         if average && (jitter || rays.isqrt().pow(2) != rays) {
             return Err(RaycastError::Grid { rays, jitter });
+        }
+        if !(1..=Self::BLOCK_LIMIT).contains(&block) || block > 1 && (rays != 1 || !average) {
+            return Err(RaycastError::Block { given: block, limit: Self::BLOCK_LIMIT });
         }
         if kernel == Kernel::Shell { Err(RaycastError::Shell) } else { Ok(()) }
     }
@@ -59,6 +69,7 @@ impl Default for RayOptions {
             rays_per_pixel: 1,
             jitter: false,
             average: false,
+            block: 1,
             kernel: Kernel::default(),
             estimand: Estimand::default(),
             seed: 0,
@@ -106,9 +117,9 @@ pub(crate) fn cast(
     one_by_one: impl FnOnce(&Camera, &Plan) -> Result<(Image, Counters), RaycastError>,
 ) -> Result<MarchImage, RaycastError> {
     let start = Instant::now();
-    let RayOptions { rays_per_pixel, jitter, average, kernel, estimand, seed } = *options;
+    let RayOptions { rays_per_pixel, jitter, average, block, kernel, estimand, seed } = *options;
     let too_large = |e: mcvr_scene::SceneError| RaycastError::Image(e.to_string());
-    let wide = if average { Some(camera.with_margin(average::MARGIN).map_err(too_large)?) } else { None };
+    let wide = if average { Some(camera.in_blocks(block, average::MARGIN).map_err(too_large)?) } else { None };
     let seen = wide.as_ref().unwrap_or(camera);
     let plan = Plan { along, points: Points::new(rays_per_pixel, jitter, random_phase, seed), estimand };
     let packets = (kernel == Kernel::Tent).then(|| Packets::new(density).image(seen, &plan, watch)).flatten();
@@ -120,7 +131,10 @@ pub(crate) fn cast(
         return Err(RaycastError::Cancelled);
     }
     if average {
-        image = average::over_pixels(&image, camera, rays_per_pixel.isqrt()).map_err(too_large)?;
+        let rays = if block > 1 { Rays::Block(block) } else { Rays::Grid(rays_per_pixel.isqrt()) };
+        // A block's share of the samples is that of all its pixels.
+        let share = if estimand == Estimand::Count { f64::from(block * block).recip() } else { 1.0 };
+        image = average::over_pixels(&image, camera, rays, share).map_err(too_large)?;
     }
     Ok(MarchImage { image, counters, seconds: start.elapsed().as_secs_f64() })
 }

@@ -4,7 +4,7 @@
 mod common;
 
 use common::*;
-use mcvr_raycast::{MarchOptions, RayOptions, ReferenceOptions, Watch, cast_rays, march};
+use mcvr_raycast::{MarchOptions, RayOptions, RaycastError, ReferenceOptions, Watch, cast_rays, march};
 use mcvr_scene::{Camera, Density, Estimand, Image, Kernel};
 
 fn rmse(a: &Image, b: &Image) -> f64 {
@@ -70,7 +70,7 @@ fn the_march_converges_to_the_reference_with_rays_and_step() {
     {
         let truth = run(&d, &camera, &options(estimand, kernel, 3e-4)).image;
         let error = |rays, step, jitter| {
-            let rays = RayOptions { rays_per_pixel: rays, jitter, estimand, kernel, seed: 1, average: false };
+            let rays = RayOptions { rays_per_pixel: rays, jitter, estimand, kernel, seed: 1, average: false, block: 1 };
             let o = MarchOptions { step, random_phase: false, rays };
             rmse(&march(&d, &camera, &o, &Watch::default()).unwrap().image, &truth)
         };
@@ -111,7 +111,7 @@ fn a_margin_moves_no_ray() {
     let d = bump();
     for parallel in [false, true] {
         let camera = look(d.volume().grid(), 30.0, 20.0, parallel, 32);
-        let wide = camera.with_margin(3).unwrap();
+        let wide = camera.in_blocks(1, 3).unwrap();
         let rays = RayOptions { kernel: Kernel::Bspline3, ..RayOptions::default() };
         let [plain, wide] = [&camera, &wide].map(|c| cast_rays(&d, c, &rays, &Watch::default()).unwrap().image);
         assert_eq!((wide.extent().width, wide.extent().height), (38, 38));
@@ -142,5 +142,51 @@ fn averaging_over_pixels_lowers_the_error_and_steepens_its_fall() {
         assert!((1.9..2.1).contains(&order(plain)), "{estimand}: {plain:?}");
         assert!(order(averaged) > 3.0, "{estimand}: {averaged:?}");
         assert!(plain.iter().zip(averaged).all(|(p, a)| a < 0.06 * p), "{estimand}: {averaged:?} after {plain:?}");
+    }
+}
+
+#[test]
+fn blocks_are_refused_where_they_have_no_meaning() {
+    let d = bump();
+    let camera = look(d.volume().grid(), 30.0, 20.0, false, 32);
+    let good = RayOptions { average: true, block: 2, ..RayOptions::default() };
+    let of = |o: RayOptions| cast_rays(&d, &camera, &o, &Watch::default()).err();
+    assert_eq!(of(good), None);
+    for bad in [
+        RayOptions { block: 0, ..good },
+        RayOptions { block: 9, ..good },
+        RayOptions { average: false, ..good },
+        RayOptions { rays_per_pixel: 4, ..good },
+    ] {
+        assert_eq!(of(bad), Some(RaycastError::Block { given: bad.block, limit: 8 }));
+    }
+}
+
+#[test]
+fn one_ray_may_serve_a_block_of_pixels_where_the_image_is_smooth() {
+    let d = bump();
+    // Of 65 and 66 pixels, the last blocks reach beyond the image.
+    for (parallel, estimand, pixels) in
+        [(false, Estimand::Line, 64), (true, Estimand::Count, 64), (false, Estimand::Count, 66), (true, Estimand::Line, 65)]
+    {
+        let camera = look(d.volume().grid(), 30.0, 20.0, parallel, pixels);
+        let truth = run(&d, &camera, &options(estimand, Kernel::Tent, 1e-6)).image;
+        let cast = |block, average| {
+            let rays = RayOptions { average, block, estimand, ..RayOptions::default() };
+            cast_rays(&d, &camera, &rays, &Watch::default()).unwrap()
+        };
+        let plain = rmse(&cast(1, false).image, &truth);
+        let mut last = rmse(&cast(1, true).image, &truth);
+        let few = cast(1, true).counters.rays;
+        for block in 2..=4u32 {
+            let made = cast(block, true);
+            let error = rmse(&made.image, &truth);
+            assert!(error > last, "{estimand}, block {block}: {error:e} after {last:e}");
+            if block == 2 {
+                assert!(error < 0.5 * plain, "{estimand}, parallel {parallel}: {error:e}, a plain ray a pixel {plain:e}");
+                assert!(3 * made.counters.rays < few, "{} rays, and {few} of one a pixel", made.counters.rays);
+            }
+            last = error;
+        }
     }
 }

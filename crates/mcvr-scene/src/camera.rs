@@ -168,24 +168,27 @@ impl Camera {
         Ok(Self { rows, shift, extent, parallel, near, inverse: full.inverse(), det })
     }
 
-    /// The same view with `margin` more pixels on every side: pixel (x, y) becomes (x + margin, y + margin).
+    /// The same view in blocks of `side` by `side` pixels, with `margin` more blocks on every side: pixel (x, y) becomes
+    /// (x / side + margin, y / side + margin). Blocks at the right and lower edge may reach beyond the image.
     ///
     /// # Errors
     /// [`SceneError::Image`] when there are too many pixels.
-    pub fn with_margin(&self, margin: usize) -> Result<Self, SceneError> {
+    pub fn in_blocks(&self, side: u32, margin: usize) -> Result<Self, SceneError> {
         let Extent { width, height } = self.extent;
-        let extent = Extent::new(width + 2 * margin, height + 2 * margin)?;
-        let by = margin as f64;
-        let mut moved = Self { extent, ..self.clone() };
-        if self.parallel {
-            (moved.shift.x, moved.shift.y) = (self.shift.x + by, self.shift.y + by);
-        } else {
-            for n in 0..2 {
-                moved.rows[n] = self.rows[n] + self.rows[2] * by;
-                moved.shift[n] = self.shift[n] + self.shift.z * by;
-            }
-            moved.inverse = DMat3::from_cols(moved.rows[0], moved.rows[1], moved.rows[2]).transpose().inverse();
+        let blocks = |pixels: usize| pixels.div_ceil(side.max(1) as usize) + 2 * margin;
+        let extent = Extent::new(blocks(width), blocks(height))?;
+        let (side, by) = (f64::from(side.max(1)), margin as f64);
+        let mut moved = Self { extent, det: self.det / (side * side), ..self.clone() };
+        for n in 0..2 {
+            moved.rows[n] = self.rows[n] / side + self.rows[2] * by;
+            moved.shift[n] = self.shift[n] / side + self.shift.z * by;
         }
+        moved.inverse = if self.parallel {
+            let m = self.inverse;
+            DMat3::from_cols(m.x_axis * side, m.y_axis * side, m.z_axis)
+        } else {
+            DMat3::from_cols(moved.rows[0], moved.rows[1], moved.rows[2]).transpose().inverse()
+        };
         Ok(moved)
     }
 

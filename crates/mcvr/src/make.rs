@@ -13,7 +13,7 @@ use mcvr_refine::{Goal, RefineError};
 use mcvr_sampling::{
     Distribution, PointStream, RenderOptions, Rendered, SamplingError, VoxelOrder, check_samples, render_look,
 };
-use mcvr_scene::{Camera, Density, DensityMap, Effects, Estimand, Image, Kernel, SceneError, Watch};
+use mcvr_scene::{Camera, Density, DensityMap, Effects, Estimand, Extent, Image, Kernel, SceneError, Watch};
 use mcvr_volume::Volume;
 use serde_json::{Value, json};
 
@@ -314,14 +314,18 @@ fn cast(
     if request.method != Method::Exact {
         let rays_per_pixel = rays_per_pixel(request.samples, camera, request.jitter);
         let average = request.method != Method::March && !request.jitter && look.is_plain();
-        let rays = RayOptions { rays_per_pixel, jitter: request.jitter, average, kernel, estimand, seed };
+        let block = if average { block(request.samples, camera) } else { 1 };
+        let rays = RayOptions { rays_per_pixel, jitter: request.jitter, average, block, kernel, estimand, seed };
         let made = if request.method == Method::Rays {
             cast_rays_with_look(density, camera, &look, &rays, watch)?
         } else {
             let random_phase = request.method == Method::Comb;
             march_with_look(density, camera, &look, &MarchOptions { step: request.step, random_phase, rays }, watch)?
         };
-        let counters = json!({ "rays_per_pixel": rays_per_pixel, "march": made.counters });
+        let mut counters = json!({ "rays_per_pixel": rays_per_pixel, "march": made.counters });
+        if block > 1 {
+            counters["pixels_per_ray"] = json!(block * block);
+        }
         let (image, colour) = channels(made.channels);
         return Ok(Made {
             image,
@@ -329,7 +333,7 @@ fn cast(
             seconds: phases(made.seconds),
             mass,
             clipped: 0.0,
-            samples: u64::from(rays_per_pixel) * camera.extent().pixels() as u64,
+            samples: rays_in_all(rays_per_pixel, block, camera),
             counters,
             error: None,
             choice: None,
@@ -371,4 +375,17 @@ pub(crate) fn rays_per_pixel(rays: u64, camera: &Camera, jitter: bool) -> u32 {
     }
     let side = (rays / camera.extent().pixels() as u64).isqrt().clamp(1, 1024);
     (side * side) as u32
+}
+
+/// Rays through the pixels of an image, or its blocks.
+pub(crate) fn rays_in_all(rays_per_pixel: u32, block: u32, camera: &Camera) -> u64 {
+    let Extent { width, height } = camera.extent();
+    u64::from(rays_per_pixel) * (width.div_ceil(block as usize) * height.div_ceil(block as usize)) as u64
+}
+
+/// Pixels along the side of the blocks that share a ray, for a budget of rays that does not pay for one a pixel: the smallest that it
+/// pays for.
+pub(crate) fn block(rays: u64, camera: &Camera) -> u32 {
+    let fits = |side: &u32| u64::from(side * side) * rays >= camera.extent().pixels() as u64;
+    (1..RayOptions::BLOCK_LIMIT).find(fits).unwrap_or(RayOptions::BLOCK_LIMIT)
 }

@@ -53,7 +53,9 @@ impl mcvr_harness::Method for Measured<'_> {
         let pixels = self.scenery.camera.extent().pixels() as u64;
         let side = |rays: u64| (rays / pixels).isqrt();
         match self.request.method {
-            Method::March | Method::Rays | Method::Comb => (1..=5).contains(&side(samples)) && side(samples) > side(samples / 2),
+            Method::March | Method::Rays | Method::Comb => {
+                (1..=5).contains(&side(samples)) && side(samples) > side(samples / 2)
+            }
             Method::McLinear => samples <= 1 << 10,
             _ => true,
         }

@@ -92,7 +92,9 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         bail!("--methods: exact is the truth that the others are measured against");
     }
     if args.methods.contains(&Method::Auto) {
-        bail!("--methods: auto has no budget of its own to vary; `mcvr cost --methods auto` measures it error by error");
+        bail!(
+            "--methods: auto has no budget of its own to vary; `mcvr cost --methods auto` measures it error by error"
+        );
     }
     let setup = setup(
         &args.volume,

@@ -120,7 +120,9 @@ pub fn setup(
             ("step", method.step.is_some() || by_scene && sampling.step.is_some()),
         ];
         if let Some((name, _)) = given.iter().find(|(_, given)| *given) {
-            bail!("--method auto chooses the {name} itself: leave {name} out, or name a method; --error says what auto is to reach");
+            bail!(
+                "--method auto chooses the {name} itself: leave {name} out, or name a method; --error says what auto is to reach"
+            );
         }
     }
     let base = scene.tone.unwrap_or_default();

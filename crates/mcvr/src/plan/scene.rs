@@ -1,7 +1,7 @@
 //! The plan of a whole scene.
 
 use mcvr_scene::film::Film;
-use mcvr_scene::{Look, Watch};
+use mcvr_scene::{Extent, Look, Watch};
 use serde_json::json;
 
 use super::effects::per_sample;
@@ -79,13 +79,18 @@ fn cast(scenery: &Scenery, request: &Request, look: &Look, passes: &mut Vec<Pass
     };
     // Means over pixels need the rays of a margin of two pixels.
     let averages = matches!(request.method, Method::Rays | Method::Comb) && !request.jitter && look.is_plain();
-    let extent = scenery.camera.extent();
-    let cast = if averages { (extent.width as u64 + 4) * (extent.height as u64 + 4) } else { pixels };
+    let block = if averages { crate::make::block(request.samples, &scenery.camera) } else { 1 };
+    let across = |pixels: usize| pixels.div_ceil(block as usize) as u64 + 4;
+    let Extent { width, height } = scenery.camera.extent();
+    let cast = if averages { across(width) * across(height) } else { pixels };
     let mut work = vec![if march {
         Forecast::exact("rays_per_pixel", each)
     } else {
         Forecast::between("depth_limited", 0, pixels)
     }];
+    if block > 1 {
+        work.push(Forecast::exact("pixels_per_ray", u64::from(block * block)));
+    }
     let counters = json!(mcvr_raycast::Counters::default());
     for counter in counters.as_object().into_iter().flatten().map(|(name, _)| name) {
         let name = format!("{prefix}.{counter}");

@@ -166,9 +166,12 @@ fn blocks_are_refused_where_they_have_no_meaning() {
 fn one_ray_may_serve_a_block_of_pixels_where_the_image_is_smooth() {
     let d = bump();
     // Of 65 and 66 pixels, the last blocks reach beyond the image.
-    for (parallel, estimand, pixels) in
-        [(false, Estimand::Line, 64), (true, Estimand::Count, 64), (false, Estimand::Count, 66), (true, Estimand::Line, 65)]
-    {
+    for (parallel, estimand, pixels) in [
+        (false, Estimand::Line, 64),
+        (true, Estimand::Count, 64),
+        (false, Estimand::Count, 66),
+        (true, Estimand::Line, 65),
+    ] {
         let camera = look(d.volume().grid(), 30.0, 20.0, parallel, pixels);
         let truth = run(&d, &camera, &options(estimand, Kernel::Tent, 1e-6)).image;
         let cast = |block, average| {
@@ -183,7 +186,10 @@ fn one_ray_may_serve_a_block_of_pixels_where_the_image_is_smooth() {
             let error = rmse(&made.image, &truth);
             assert!(error > last, "{estimand}, block {block}: {error:e} after {last:e}");
             if block == 2 {
-                assert!(error < 0.5 * plain, "{estimand}, parallel {parallel}: {error:e}, a plain ray a pixel {plain:e}");
+                assert!(
+                    error < 0.5 * plain,
+                    "{estimand}, parallel {parallel}: {error:e}, a plain ray a pixel {plain:e}"
+                );
                 assert!(3 * made.counters.rays < few, "{} rays, and {few} of one a pixel", made.counters.rays);
             }
             last = error;

@@ -168,25 +168,60 @@ impl MakeError {
 /// # Errors
 /// [`MakeError`] when the scene is unusable, a limit is exceeded, or `watch` cancels.
 pub fn make(scenery: &Scenery, request: &Request, watch: &Watch<'_>) -> Result<Made, MakeError> {
+    Ok(make_first(scenery, request, watch)?.0)
+}
+
+/// As [`make()`]; keeps the weights for more images by [`make_of()`].
+///
+/// # Errors
+/// As [`make()`].
+pub fn make_first(scenery: &Scenery, request: &Request, watch: &Watch<'_>) -> Result<(Made, Density), MakeError> {
     let start = Instant::now();
+    check_request(request)?;
+    let density = Density::new(&scenery.volume, scenery.map.clone())?;
+    let made = complete(&density, scenery, request, watch, start)?;
+    Ok((made, density))
+}
+
+/// As [`make()`], of weights that are at hand: more images of one volume, whose weights are then summed once, and whose empty bricks
+/// are looked for once. `density` must be that of the scenery's volume and map.
+///
+/// # Errors
+/// As [`make()`].
+pub fn make_of(density: &Density, scenery: &Scenery, request: &Request, watch: &Watch<'_>) -> Result<Made, MakeError> {
+    let start = Instant::now();
+    check_request(request)?;
+    complete(density, scenery, request, watch, start)
+}
+
+/// What can be refused before the volume is read.
+fn check_request(request: &Request) -> Result<(), MakeError> {
     if request.method.samples_volume() {
-        // Before the volume is read.
         check(request)?;
     }
     if request.method == Method::Auto {
         Goal { error: Some(request.error), ..Goal::default() }.check()?;
     }
-    let density = Density::new(&scenery.volume, scenery.map.clone())?;
+    Ok(())
+}
+
+fn complete(
+    density: &Density,
+    scenery: &Scenery,
+    request: &Request,
+    watch: &Watch<'_>,
+    start: Instant,
+) -> Result<Made, MakeError> {
     let choice = match request.method {
-        Method::Auto => Some(Box::new(choose(&density, scenery, request, watch)?)),
+        Method::Auto => Some(Box::new(choose(density, scenery, request, watch)?)),
         _ => None,
     };
     let chosen = choice.as_ref().map_or(*request, |c| c.request(request));
     let mut made = if chosen.method.samples_volume() {
         check(&chosen)?;
-        sampled(&density, scenery, &chosen, watch, start)?
+        sampled(density, scenery, &chosen, watch, start)?
     } else {
-        cast(&density, scenery, &chosen, watch, start)?
+        cast(density, scenery, &chosen, watch, start)?
     };
     made.choice = choice;
     for image in made.colour.iter().flatten().chain([&made.image]) {

@@ -7,8 +7,8 @@ use std::time::Instant;
 use anyhow::bail;
 use mcvr::refinement::{Bars, Stop};
 use mcvr::scene::film::{self, ErrorBars, ImageFormat};
-use mcvr::scene::{Extent, Transfer, Watch};
-use mcvr::{Made, MadeRefined, Method, Refinement, make};
+use mcvr::scene::{Density, Extent, Transfer, Watch};
+use mcvr::{Made, MadeRefined, Method, Refinement, make_first, make_of};
 use serde_json::{Value, json};
 
 use super::args::{ImageArgs, ToneArgs};
@@ -41,8 +41,8 @@ pub struct Args {
     /// Write what was done, with geometry, times and counters, as JSON; - for standard output
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Make the image N more times and put the seconds of each into the JSON record: what an image takes once the program
-    /// is warm
+    /// Make the image N more times and put the seconds of each into the JSON record: what a further image of the volume takes,
+    /// whose weights are summed and whose empty bricks are known
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), requires = "json")]
     repeats: Option<u32>,
     #[command(flatten)]
@@ -98,14 +98,16 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     }
     let mut records = vec![];
     let mut interrupted = false;
+    let mut density = None;
     for view in &views {
         let begin = if records.is_empty() { start } else { Instant::now() };
         let named = |p: &PathBuf| if one { p.clone() } else { labelled(p, &view.label) };
         let outputs: Vec<PathBuf> = args.outputs.iter().map(named).collect();
         setup.scenery.camera = view.camera.clone();
         setup.view.clone_from(&view.words);
-        let drawn = draw(args, &setup, refinement.as_ref(), view, one, &formats, quiet)?;
-        let again = || Ok(draw(args, &setup, refinement.as_ref(), view, one, &formats, true)?.made.seconds.complete);
+        let mut drawing = |quiet| draw(args, &setup, &mut density, refinement.as_ref(), view, one, &formats, quiet);
+        let drawn = drawing(quiet)?;
+        let again = || Ok(drawing(true)?.made.seconds.complete);
         let repeats = args.repeats.map(|n| process::repeated(n, again)).transpose()?;
         let made = &drawn.made;
         remark(&setup, made);
@@ -193,13 +195,14 @@ impl Drawn {
 fn draw(
     args: &Args,
     setup: &Setup,
+    density: &mut Option<Density>,
     refinement: Option<&Refinement>,
     view: &Viewpoint,
     one: bool,
     formats: &[ImageFormat],
     quiet: bool,
 ) -> anyhow::Result<Drawn> {
-    let Some(refinement) = refinement else { return Ok(Drawn { made: render(setup, quiet)?, error: None }) };
+    let Some(refinement) = refinement else { return Ok(Drawn { made: render(setup, density, quiet)?, error: None }) };
     let request = json!({ "method": setup.request.method, "estimand": setup.request.estimand, "kernel": setup.request.kernel,
         "seed": setup.request.seed, "refinement": refinement, "input": setup.input, "view": setup.view });
     let label = (!one).then_some(view.label.as_str());
@@ -231,8 +234,8 @@ fn labelled(path: &Path, label: &str) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// Makes the image with a progress bar.
-fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
+/// Makes the image with a progress bar, of the weights that an image before has left, or of new ones.
+fn render(setup: &Setup, density: &mut Option<Density>, quiet: bool) -> anyhow::Result<Made> {
     let cancel = progress::interrupt_flag();
     let total = match setup.request.method {
         _ if setup.request.method == Method::Auto || setup.request.method.casts_rays() => {
@@ -242,7 +245,14 @@ fn render(setup: &Setup, quiet: bool) -> anyhow::Result<Made> {
     };
     let bar = progress::bar(total, quiet);
     let advance = |n: u64| bar.inc(n);
-    let outcome = make(&setup.scenery, &setup.request, &Watch { progress: Some(&advance), cancel: Some(&cancel) });
+    let watch = Watch { progress: Some(&advance), cancel: Some(&cancel) };
+    let outcome = match density {
+        Some(density) => make_of(density, &setup.scenery, &setup.request, &watch),
+        None => make_first(&setup.scenery, &setup.request, &watch).map(|(made, new)| {
+            *density = Some(new);
+            made
+        }),
+    };
     bar.finish_and_clear();
     let made = match outcome {
         Err(e) if e.is_cancelled() => return Err(anyhow::Error::new(Interrupted)),

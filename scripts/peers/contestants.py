@@ -1,4 +1,4 @@
-"""The two kinds of contestants: mcvr, a process for each image, and peers, a worker that keeps the volume."""
+"""The two kinds of contestants: mcvr, a process for each turn, and peers, a worker; both keep the volume from view to view."""
 import json
 import os
 import subprocess
@@ -13,8 +13,12 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 
 
 class Mcvr:
-    """One method of mcvr with its setting. A view is the second image of a process, so that the program is warm, and the time
-    that the program itself took for it, from the volume in memory to linear pixels, its preprocessing included."""
+    """One method of mcvr with its setting. A view is the last of a few further images of a process, which keep the weights and the map of
+    empty bricks as a peer's worker keeps its volume and what it has made of it; its time is the one that the program itself took,
+    from there to linear pixels. The first image's time, with those made, is noted beside it."""
+
+    # Further images of a process; the last one counts.
+    repeats = 4
 
     own_field = None
 
@@ -25,7 +29,7 @@ class Mcvr:
     def view(self, seed):
         out = os.path.join(self.run.scratch, "view.npy")
         command = [self.run.program, "render", *self.run.scan, *self.args, "--seed", str(seed), "--threads", str(self.threads)]
-        command += ["--repeats", "1", "--quiet", "--json", "-", "-o", out]
+        command += ["--repeats", str(self.repeats), "--quiet", "--json", "-", "-o", out]
         done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode:
             said = done.stderr.strip().splitlines()
@@ -33,7 +37,8 @@ class Mcvr:
         record = json.loads(done.stdout)
         repeats = record["seconds"]["repeats"]
         image = np.load(out).astype(np.float64)
-        took = {"seconds": repeats["complete"][0], "cpu": repeats["cpu"][0]}
+        first = record["seconds"]["complete"]
+        took = {"seconds": repeats["complete"][-1], "cpu": repeats["cpu"][-1], "first": first}
         error, centre = (relative_rmse(image, self.run.truths[name]) for name in ("area", "centre-tent"))
         # Some methods take means over pixels, and some cast the rays through their centres: the nearer one is its own.
         return took, {"error": error, "own_error": min(error, centre), "chosen": record["method"]}

@@ -103,29 +103,52 @@ pub(crate) fn over_pixels(wide: &Image, camera: &Camera, rays: Rays, scale: f64)
     Ok(image)
 }
 
-/// By what factor averaging lowers errors that are independent from pixel to pixel, for `n` by `n` rays a pixel.
-pub(crate) fn noise(n: u32) -> f64 {
-    let [c0, c1, c2] = stencil(f64::from(n));
-    c0 * c0 + 2.0 * (c1 * c1 + c2 * c2)
+/// By what factor averaging lowers errors that are independent from ray to ray.
+pub(crate) fn noise(rays: Rays) -> f64 {
+    let taps = rays.taps();
+    taps.iter().flatten().map(|t| t * t).sum::<f64>() / taps.len() as f64
 }
 
-/// Mean squares, over a square of values, of the first two terms of the difference between mean and value: those of second and of
-/// fourth differences, along both axes.
-pub(crate) fn bends(values: &[f64], side: usize) -> [f64; 2] {
-    let mut sums = [0.0; 2];
-    for line in 0..side {
-        for (first, step) in [(line * side, 1), (line, side)] {
-            let v = |n: usize| values[first + n * step];
-            for n in 1..side - 1 {
-                sums[0] += ((v(n - 1) - 2.0 * v(n) + v(n + 1)) / 24.0).powi(2);
-            }
-            for n in 2..side - 2 {
-                let fourth = v(n - 2) - 4.0 * v(n - 1) + 6.0 * v(n) - 4.0 * v(n + 1) + v(n + 2);
-                sums[1] += (fourth * 17.0 / 5760.0).powi(2);
-            }
+/// Mean square of what averaging along a line of pixels by one value a pixel leaves, judged by three values a pixel: those at a third of a
+/// pixel before, in, and after the centres. Of at least five pixels.
+pub(crate) fn left(lines: [&[f64]; 3]) -> f64 {
+    let mean = |n: u32, v: &dyn Fn(usize) -> f64, i: usize| {
+        let [c0, c1, c2] = stencil(f64::from(n));
+        c0 * v(i) + c1 * (v(i - 1) + v(i + 1)) + c2 * (v(i - 2) + v(i + 2))
+    };
+    let inner = 2..lines[1].len() - 2;
+    let of = inner.len() as f64;
+    let one = |i: usize| lines[1][i];
+    let three = |i: usize| (lines[0][i] + lines[1][i] + lines[2][i]) / 3.0;
+    inner.map(|i| (mean(1, &one, i) - mean(3, &three, i)).powi(2)).sum::<f64>() / of
+}
+
+/// How an image bends along a line of pixels: mean squares.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Bends {
+    /// Of the first two terms of the difference between mean and value, of second and of fourth differences.
+    pub terms: [f64; 2],
+    /// Of what a value differs from the one that a cubic through its neighbours at one and three pixels tells, as for every second
+    /// pixel; and from that through its neighbours at one and two.
+    pub halves: [f64; 2],
+}
+
+impl Bends {
+    /// Of a line of at least seven values.
+    pub fn of(v: &[f64]) -> Self {
+        let mean = |sum: f64, of: usize| sum / of as f64;
+        let n = v.len();
+        let second = |i: usize| (v[i - 1] - 2.0 * v[i] + v[i + 1]) / 24.0;
+        let fourth = |i: usize| v[i - 2] - 4.0 * v[i - 1] + 6.0 * v[i] - 4.0 * v[i + 1] + v[i + 2];
+        let half = |i: usize| v[i] - (9.0 * (v[i - 1] + v[i + 1]) - (v[i - 3] + v[i + 3])) / 16.0;
+        let squares = |range: std::ops::Range<usize>, f: &dyn Fn(usize) -> f64| {
+            mean(range.clone().map(|i| f(i).powi(2)).sum(), range.len())
+        };
+        Self {
+            terms: [squares(1..n - 1, &second), squares(2..n - 2, &|i| fourth(i) * 17.0 / 5760.0)],
+            halves: [squares(3..n - 3, &half), squares(2..n - 2, &|i| fourth(i) / 6.0)],
         }
     }
-    [sums[0] / (side * (side - 2)) as f64, sums[1] / (side * (side - 4)) as f64]
 }
 
 #[cfg(test)]

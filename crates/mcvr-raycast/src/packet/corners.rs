@@ -279,12 +279,16 @@ impl<'a, T: Voxel, W: Weights<T>> Corners<'a, T, W> {
     #[cold]
     #[inline(never)]
     fn mend(&self, rows: &mut [Row<f32>; 8], cells: [Row<i32>; 3], lanes: u32, border: &mut Border) {
-        for (n, row) in rows.iter_mut().enumerate() {
-            for (lane, value) in row.iter_mut().enumerate().filter(|(l, _)| lanes >> l & 1 == 1) {
-                let at = |a: usize| cells[a][lane].wrapping_sub(1).wrapping_add((n >> a & 1) as i32) as usize;
-                let ([x, y, z], [nx, ny, nz]) = ([at(0), at(1), at(2)], self.dims);
-                // Negative numbers have wrapped to huge ones.
-                *value = if x < nx && y < ny && z < nz {
+        let [nx, ny, nz] = self.dims;
+        let mut left = lanes;
+        while left != 0 {
+            let lane = left.trailing_zeros() as usize;
+            left &= left - 1;
+            // Negative numbers wrap to huge ones, which lie outside too.
+            let [x, y, z] = [0, 1, 2].map(|a: usize| cells[a][lane].wrapping_sub(1) as usize);
+            for n in 0..8 {
+                let (x, y, z) = (x.wrapping_add(n & 1), y.wrapping_add(n >> 1 & 1), z.wrapping_add(n >> 2 & 1));
+                rows[n][lane] = if x < nx && y < ny && z < nz {
                     border.reads += 1;
                     self.weights.one(self.voxels[x + nx * (y + ny * z)])
                 } else {

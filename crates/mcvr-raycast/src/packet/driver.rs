@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use mcvr_scene::{Camera, Density, Estimand, Image, Watch};
+use mcvr_scene::{Camera, Density, Estimand, Extent, Image, Watch};
 use mcvr_volume::{SimdLevel, Voxel};
 use rayon::prelude::*;
 
@@ -61,16 +61,28 @@ impl<'a> Packets<'a> {
         with_corners(self.density, Whole { packets: self, camera, plan, watch })
     }
 
-    /// Runs `visit` on the tiles of an image; `None` where packets do not serve the density.
+    /// Runs `visit` on strips of an image; `None` where packets do not serve the density.
     pub fn look<V: Look>(&self, camera: &Camera, estimand: Estimand, watch: &Watch, visit: V) -> Option<V::Out> {
         with_corners(self.density, Parts { packets: self, camera, estimand, watch, visit })
     }
 }
 
-/// Casts tiles, given by column and row of tiles: their values row by row, 0 beyond the image's edge.
-pub(crate) type Cast<'a> = dyn Fn(Along, &Points, &[(usize, usize)]) -> (Vec<Vec<f64>>, Counters) + 'a;
+/// Two lines of pixels through the middle of a tile: a packet of rays.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Strip {
+    /// Column and row of the tile.
+    pub tile: (usize, usize),
+    /// Whether the lines go down the image rather than across it.
+    pub upright: bool,
+}
 
-/// Code that looks at tiles of an image.
+/// The lines' values, 0 beyond the image's edge.
+pub(crate) type Lines = [[f64; TILE]; 2];
+
+/// Casts strips.
+pub(crate) type Cast<'a> = dyn Fn(Along, &Points, &[Strip]) -> (Vec<Lines>, Counters) + 'a;
+
+/// Code that looks at strips of an image.
 pub(crate) trait Look {
     type Out;
 
@@ -112,16 +124,19 @@ impl<'a, 'w, T: Voxel, W: Weights<T>> Ready<'a, 'w, T, W> {
         Optics::new(&self.view, &self.tiles, spacing)
     }
 
-    /// Casts the tiles of some columns of a row of tiles into the rows of pixels that they cover.
+    /// Casts a part of the tiles of some columns of a row of tiles into rows of pixels, which begin at the first column's and are
+    /// `stride` long.
     fn cast(
         &self,
         (along, optics, points): (Along, &Optics, &Points),
+        part: Part,
         row: usize,
         columns: Range<usize>,
-        out: &mut [f64],
+        (out, stride): (&mut [f64], usize),
     ) -> (Counters, Work) {
-        let width = self.camera.extent().width;
-        let band = Band { field: self.field, optics, tiles: &self.tiles, points, width, watch: self.watch };
+        let extent = self.camera.extent();
+        let band =
+            Band { field: self.field, optics, tiles: &self.tiles, points, extent, stride, part, watch: self.watch };
         let mut work = (Counters::default(), Work::default());
         match (along == Along::Exact, self.view.squared()) {
             (false, false) => band.run::<false, false>(self.level, row, columns, out, &mut work),
@@ -163,7 +178,8 @@ impl<'a> Visit<'a> for Whole<'_, '_> {
         let mut image = Image::zeros(camera.extent());
         let rows = image.values_mut().par_chunks_mut(TILE * width).enumerate().with_max_len(1);
         let work = rows.map(|(row, out)| {
-            let work = ready.cast((plan.along, &optics, &plan.points), row, 0..width.div_ceil(TILE), out);
+            let how = (plan.along, &optics, &plan.points);
+            let work = ready.cast(how, Part::All, row, 0..width.div_ceil(TILE), (&mut *out, width));
             watch.advance((out.len() / width) as u64);
             work
         });
@@ -186,24 +202,48 @@ impl<'a, V: Look> Visit<'a> for Parts<'_, '_, V> {
     fn run<T: Voxel, W: Weights<T> + Send + 'a>(self, field: Corners<'a, T, W>) -> Self::Out {
         let Self { packets, camera, estimand, watch, visit } = self;
         let ready = Ready::new(packets, &field, camera, estimand, watch);
-        let extent = camera.extent();
-        let cast = |along: Along, points: &Points, tiles: &[(usize, usize)]| {
+        let cast = |along: Along, points: &Points, strips: &[Strip]| {
             let optics = ready.optics(along);
-            let one = |&(column, row): &(usize, usize)| {
-                let height = TILE.min(extent.height - row * TILE);
-                let wide = TILE.min(extent.width - column * TILE);
-                let mut band = vec![0.0; height * extent.width];
-                let work = ready.cast((along, &optics, points), row, column..column + 1, &mut band);
-                let mut values = vec![0.0; TILE * TILE];
-                for y in 0..height {
-                    values[TILE * y..][..wide].copy_from_slice(&band[y * extent.width + column * TILE..][..wide]);
-                }
-                (values, work)
+            let one = |&Strip { tile: (column, row), upright }: &Strip| {
+                let mut tile = [0.0; TILE * TILE];
+                let part = if upright { Part::Columns } else { Part::Rows };
+                let work = ready.cast((along, &optics, points), part, row, column..column + 1, (&mut tile[..], TILE));
+                let extent = camera.extent();
+                let [x, y] = part.first([extent.width - column * TILE, extent.height - row * TILE]);
+                let lines: Lines = std::array::from_fn(|line| {
+                    std::array::from_fn(|n| {
+                        let (x, y) = if upright { (x + line, n) } else { (n, y + line) };
+                        if x < TILE && y < TILE { tile[y * TILE + x] } else { 0.0 }
+                    })
+                });
+                (lines, work)
             };
-            let (values, work) = tiles.par_iter().map(one).unzip();
+            let (values, work) = strips.par_iter().with_min_len(4).map(one).unzip();
             (values, ready.sum(work))
         };
         visit.run(&ready.tiles.occupied(), &cast)
+    }
+}
+
+/// Which pixels of a tile are cast.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Part {
+    All,
+    /// The two rows, or columns, in the middle.
+    Rows,
+    Columns,
+}
+
+impl Part {
+    /// Column and row of the first pixel, of a tile of which so many columns and rows lie in the image.
+    #[inline(always)]
+    fn first(self, [wide, high]: [usize; 2]) -> [usize; 2] {
+        let middle = |pixels: usize| (TILE / 2 - 1).min(pixels.min(TILE).saturating_sub(2));
+        match self {
+            Part::All => [0, 0],
+            Part::Rows => [0, middle(high)],
+            Part::Columns => [middle(wide), 0],
+        }
     }
 }
 
@@ -213,7 +253,10 @@ struct Band<'a, 'w, T, W> {
     optics: &'w Optics,
     tiles: &'w Tiles,
     points: &'w Points,
-    width: usize,
+    extent: Extent,
+    /// Pixels in a row of what is written.
+    stride: usize,
+    part: Part,
     watch: &'w Watch<'w>,
 }
 
@@ -279,7 +322,7 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
         out: &mut [f64],
         (counters, work): &mut (Counters, Work),
     ) {
-        let height = out.len() / self.width;
+        let (height, left) = (self.extent.height - row * TILE, columns.start);
         let rays = self.points.rays() as usize;
         let share = 1.0 / rays as f64;
         let squared = if SQUARED { 1.0 / (self.optics.nearness * self.optics.nearness) } else { 1.0 };
@@ -289,12 +332,18 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
             if pieces.all().is_empty() || self.watch.cancelled() {
                 continue;
             }
-            let wide = TILE.min(self.width - column * TILE);
-            // Pixels of the tile in blocks of four by four.
+            let wide = self.extent.width - column * TILE;
+            let [x0, y0] = self.part.first([wide, height]);
+            // Pixels of the tile in blocks of four by four, or its two lines.
             let mut places = [(0usize, 0usize); TILE * TILE];
             let mut pixels = 0;
-            for n in 0..TILE * TILE {
-                let (x, y) = ((n & 3) | (n >> 2 & 4), (n >> 2 & 3) | (n >> 3 & 4));
+            let most = if self.part == Part::All { TILE * TILE } else { 2 * TILE };
+            for n in 0..most {
+                let (x, y) = match self.part {
+                    Part::All => ((n & 3) | (n >> 2 & 4), (n >> 2 & 3) | (n >> 3 & 4)),
+                    Part::Rows => (n & 7, y0 + (n >> 3)),
+                    Part::Columns => (x0 + (n >> 3), n & 7),
+                };
                 if x < wide && y < height {
                     places[pixels] = (x, y);
                     pixels += 1;
@@ -340,7 +389,7 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
                 }
                 for l in 0..used {
                     let (x, y) = owners[l];
-                    out[y * self.width + column * TILE + x] += sums[l] * beam.factor[l] * (scale * share);
+                    out[y * self.stride + (column - left) * TILE + x] += sums[l] * beam.factor[l] * (scale * share);
                 }
                 n += used;
             }

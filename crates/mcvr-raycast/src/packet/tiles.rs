@@ -5,7 +5,7 @@
 //! bricks, whatever the number of rays.
 
 use mcvr_scene::{Camera, Extent, Occupancy};
-use mcvr_volume::Grid;
+use mcvr_volume::{Grid, SimdLevel, vectorised};
 use rayon::prelude::*;
 
 /// Pixels along a tile's side.
@@ -108,6 +108,55 @@ struct Outline {
     t: [f64; 2],
 }
 
+/// Boxes whose outlines are found together.
+const LANES: usize = 8;
+
+/// Least and greatest pixel x, pixel y and parameter of boxes side by side.
+type Outlines = [[[f64; LANES]; 2]; 3];
+
+vectorised! {
+    /// Outlines of boxes that share their extent along y and z. Those that reach before a pinhole's eye are anything, but begin at a
+    /// parameter that is not positive.
+    fn outlines(
+        at: &[[f64; 3]; 4], parallel: bool, x: &[[f64; LANES]; 2], y: [f64; 2], z: [f64; 2], out: &mut Outlines,
+    ) = outlines_body
+}
+
+#[inline(always)]
+fn outlines_body(
+    at: &[[f64; 3]; 4],
+    parallel: bool,
+    x: &[[f64; LANES]; 2],
+    y: [f64; 2],
+    z: [f64; 2],
+    out: &mut Outlines,
+) {
+    *out = [[[f64::MAX; LANES], [f64::MIN; LANES]]; 3];
+    for v in y {
+        for w in z {
+            let mut origin = at[0];
+            for n in 0..3 {
+                origin[n] += v * at[2][n] + w * at[3][n];
+            }
+            for ends in x {
+                for l in 0..LANES {
+                    let q0 = origin[0] + ends[l] * at[1][0];
+                    let q1 = origin[1] + ends[l] * at[1][1];
+                    let t = origin[2] + ends[l] * at[1][2];
+                    let nearness = if parallel { 1.0 } else { 1.0 / t };
+                    let (px, py) = (q0 * nearness, q1 * nearness);
+                    out[0][0][l] = if px < out[0][0][l] { px } else { out[0][0][l] };
+                    out[0][1][l] = if px > out[0][1][l] { px } else { out[0][1][l] };
+                    out[1][0][l] = if py < out[1][0][l] { py } else { out[1][0][l] };
+                    out[1][1][l] = if py > out[1][1][l] { py } else { out[1][1][l] };
+                    out[2][0][l] = if t < out[2][0][l] { t } else { out[2][0][l] };
+                    out[2][1][l] = if t > out[2][1][l] { t } else { out[2][1][l] };
+                }
+            }
+        }
+    }
+}
+
 impl Outliner {
     fn new(camera: &Camera, grid: &Grid, depth: f64) -> Self {
         let to_world = grid.index_to_world();
@@ -176,27 +225,38 @@ impl Tiles {
         };
         let (start, length) = (range[0], (range[1] - range[0]) / SLOTS as f64);
         let slot = |t: f64| (((t - start) / length).max(0.0) as usize).min(SLOTS - 1);
-        let blocks = boxes.blocks;
+        let (blocks, level) = (boxes.blocks, SimdLevel::detect());
         let none = || vec![0u128; columns * rows];
         let masks = (0..blocks[2])
             .into_par_iter()
             .with_min_len(4)
             .fold(none, |mut masks, bz| {
+                let wide = |axis: usize, n: usize| boxes.span(axis, n, n);
+                let slack = |[low, high]: [f64; 2]| [low - SLACK, high + SLACK];
+                let mut found: Outlines = [[[0.0; LANES]; 2]; 3];
                 for by in 0..blocks[1] {
-                    for bx in 0..blocks[0] {
-                        if !boxes.occupied([bx, by, bz]) {
+                    for first in (0..blocks[0]).step_by(LANES) {
+                        let number = LANES.min(blocks[0] - first);
+                        let full = (0..number).fold(0u8, |m, l| m | u8::from(boxes.occupied([first + l, by, bz])) << l);
+                        if full == 0 {
                             continue;
                         }
-                        let ends = [boxes.span(0, bx, bx), boxes.span(1, by, by), boxes.span(2, bz, bz)];
+                        let mut x = [[0.0; LANES]; 2];
+                        for l in 0..LANES {
+                            [x[0][l], x[1][l]] = slack(wide(0, first + l.min(number - 1)));
+                        }
+                        let (y, z) = (slack(wide(1, by)), slack(wide(2, bz)));
                         // The whole box lies beyond the near plane, and so do its parts.
-                        let (low, high) = (ends.map(|s| s[0] - SLACK), ends.map(|s| s[1] + SLACK));
-                        let Some(o) = outliner.outline(low, high) else { continue };
-                        let (a, b) = (slot(o.t[0] - SLACK * length), slot(o.t[1] + SLACK * length));
-                        let bits = (u128::MAX >> (SLOTS - 1 - (b - a))) << a;
-                        for ty in Outliner::tiles(o.y, outliner.extent.height) {
-                            let row = ty * columns;
-                            for mask in &mut masks[row..][Outliner::tiles(o.x, outliner.extent.width)] {
-                                *mask |= bits;
+                        outlines(level, &outliner.at, outliner.parallel, &x, y, z, &mut found);
+                        for l in (0..number).filter(|l| full >> l & 1 == 1) {
+                            let [x, y, t] = [0, 1, 2].map(|n: usize| [found[n][0][l], found[n][1][l]]);
+                            let (a, b) = (slot(t[0] - SLACK * length), slot(t[1] + SLACK * length));
+                            let bits = (u128::MAX >> (SLOTS - 1 - (b - a))) << a;
+                            let columns_of = Outliner::tiles(x, outliner.extent.width);
+                            for ty in Outliner::tiles(y, outliner.extent.height) {
+                                for mask in &mut masks[ty * columns..][columns_of.clone()] {
+                                    *mask |= bits;
+                                }
                             }
                         }
                     }

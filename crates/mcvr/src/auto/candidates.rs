@@ -6,9 +6,12 @@ use mcvr_volume::Volume;
 use super::{Candidate, Costs};
 use crate::Method;
 
-/// Predictions are held to this share of the error asked for: a pilot of some tens of tiles errs by about a quarter, and more where a
-/// few bright pixels carry the error. At 0.75, a fifth of the choices on 18 scans missed their error (by up to 2.2 times).
-const MARGIN: f64 = 0.6;
+/// Predictions are held to this share of the error asked for: a pilot of some tens of tiles errs by about a sixth, and more where a
+/// few bright pixels carry the error.
+pub(super) const MARGIN: f64 = 0.7;
+
+/// Most pixels along the side of a block that shares a ray: larger ones save little, and edges along them are foreseen worst.
+const BLOCKS: u32 = 4;
 
 /// Most rays along a side of a pixel.
 const SIDES: u32 = 32;
@@ -18,11 +21,13 @@ fn roughness(pilot: &Pilot) -> f64 {
     if pilot.bend > 0.0 { pilot.bend_twice / pilot.bend } else { 0.0 }
 }
 
-/// What averaging over pixels leaves of the first term of its formula, for one ray a pixel: the formula holds for smooth images. Measured
-/// at 400×400 on three scans (0.26 at a roughness of 0.122, 0.32 at 0.127, 0.73 at 0.149) and on phantoms at 96×80 (1.3 to 2 at 0.19
-/// to 0.2).
-fn left(pilot: &Pilot) -> f64 {
-    0.3 * (roughness(pilot) / 0.123).powi(4).clamp(0.5, 10.0)
+/// Error of one exact ray for blocks of `side` by `side` pixels. Measured on eight phantoms, two sizes of image and two views: at two
+/// pixels 0.6 to 1.05 times what every second pixel tells of the others along a line, and from there by the power that this has
+/// over what the nearer neighbours tell (1 for noise, 5 for smooth images).
+fn of_block(pilot: &Pilot, side: u32) -> f64 {
+    let [far, near] = pilot.halves;
+    let power = if near > 0.0 { (1.0 + 3.2 * (far / near - 1.0)).clamp(1.0, 5.0) } else { 5.0 };
+    0.95 * far * (0.5 * f64::from(side)).powf(power)
 }
 
 /// Power of the number of rays by which a comb's error falls. Phases of a pixel's rays are stratified: 1 where the rays see the same, 1/2
@@ -32,8 +37,9 @@ fn phases(pilot: &Pilot) -> f64 {
     (0.95 - 0.45 * (roughness(pilot) - 0.15) / 0.02).clamp(0.5, 0.95)
 }
 
-/// Power of the number of rays along a pixel's side by which that falls: 2 for an image with edges (measured on scans 2.4 to 2.6).
-const AREA: f64 = 2.0;
+/// Power of the number of rays along a pixel's side by which their error falls: about 2 where edges lie along the pixels, 2.4 to 2.7
+/// where they cross them (measured on eight phantoms).
+const AREA: f64 = 2.2;
 
 /// Power of the samples a pixel by which the net's error falls (METHOD section 4: 1/2 to 2/3).
 const NET: f64 = 0.62;
@@ -44,37 +50,44 @@ pub(super) fn candidates(volume: &Volume, pixels: u64, pilot: Option<&Pilot>, er
     let mut all = vec![net(volume, pixels, &costs, error)];
     let Some(pilot) = pilot else { return all };
     let wanted = MARGIN * error;
-    let (left, phases) = (left(pilot), phases(pilot));
+    let phases = phases(pilot);
     let rays = (pilot.tiles * 64).min(pixels) as f64;
-    let fixed = volume.bytes() as f64 * costs.occupancy;
-    for side in 1..=SIDES {
-        let n = f64::from(side);
-        let area = left * pilot.bend * n.powf(-AREA);
-        if area > wanted && side < SIDES {
-            continue;
-        }
-        let each = n * n * rays;
-        let exact = Candidate {
+    let fixed = volume.bytes() as f64 * costs.occupancy + pixels as f64 * costs.pixel;
+    // An exact setting of rays, and the widest comb whose error fits beside theirs; `fall` is what is left of a comb's error.
+    let mut add = |samples: u64, each: f64, area: f64, fall: f64| {
+        all.push(Candidate {
             method: Method::Rays,
-            samples: u64::from(side * side) * pixels,
+            samples,
             step: 0.0,
             error: area / MARGIN,
             seconds: 1e-9 * (fixed + each * (costs.ray + costs.cell * pilot.cells)),
-        };
-        all.push(exact);
-        // The widest comb whose error fits beside the area's.
+        });
         let rest = (wanted * wanted - area * area).max(0.0).sqrt();
-        let fall = Pilot::noise(side) * n.powf(-2.0 * phases);
         if let Some((step, depth)) = widest(pilot, rest / fall) {
-            let depth = depth * fall;
             all.push(Candidate {
                 method: Method::Comb,
-                samples: u64::from(side * side) * pixels,
+                samples,
                 step,
-                error: area.hypot(depth) / MARGIN,
+                error: area.hypot(depth * fall) / MARGIN,
                 seconds: 1e-9 * (fixed + each * (costs.ray + costs.step * pilot.steps / step)),
             });
         }
+    };
+    for side in (2..=BLOCKS).rev() {
+        let (area, blocks) = (of_block(pilot, side), f64::from(side * side));
+        if area <= wanted {
+            add((pixels as f64 / blocks).ceil() as u64, rays / blocks, area, Pilot::noise_of_block(side));
+        }
+    }
+    // Where blocks would do, what averaging leaves was not looked at: it is less than what they leave.
+    let left = pilot.left.unwrap_or_else(|| of_block(pilot, 2).min(pilot.bend));
+    for side in 1..=SIDES {
+        let n = f64::from(side);
+        let area = left * n.powf(-AREA);
+        if area > wanted && side < SIDES {
+            continue;
+        }
+        add(u64::from(side * side) * pixels, n * n * rays, area, Pilot::noise(side) * n.powf(-2.0 * phases));
         // More rays cost more; the next side is a candidate for wider combs only.
         if side > 1 && area < 0.5 * wanted {
             break;

@@ -7,6 +7,8 @@ use mcvr_volume::Volume;
 pub(super) struct Costs {
     /// A ray: its start, and its share of the tiles' bookkeeping.
     pub ray: f64,
+    /// A pixel of the image: its mean over its neighbours, and its memory.
+    pub pixel: f64,
     /// A sample along a ray.
     pub step: f64,
     /// A cell integrated exactly.
@@ -27,6 +29,7 @@ impl Costs {
         let far = (bytes / 16e6).log2().clamp(0.0, 7.0);
         Self {
             ray: 45.0,
+            pixel: 6.0,
             step: 1.7 + 0.35 * far,
             cell: 2.6 + 0.25 * far,
             sample: 5.0 + 0.4 * far,

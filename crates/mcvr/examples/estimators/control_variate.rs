@@ -10,6 +10,7 @@ use mcvr::scene::{Camera, Density, Image, Watch};
 
 use crate::baseline::BRICKS;
 use crate::clock::processor;
+use crate::footprint::Splats;
 use crate::nested::{Chain, coarsen, density_of, residual, whole};
 use crate::scenes::Scene;
 use crate::{Entry, Made, Outcome, Preparation};
@@ -21,8 +22,13 @@ const SPLITS: &str = "split in four";
 /// What the residual's points are drawn from.
 const DRAW: &str = "residual's distribution";
 const DRAWS: &str = "residuals' distributions";
+/// Lists of the residual's voxels.
+const LISTS: &str = "lists of the residual";
 /// Coarse grid alone.
 const COARSE: &str = "coarse grid";
+
+/// What [`entries`] has.
+pub const FAMILIES: [&str; 5] = ["cv", "cv comb", "multilevel", "cv footprint", "comb difference"];
 
 /// Samples a level of the pilot that shares out the others.
 const PILOT: u64 = 1 << 14;
@@ -32,6 +38,13 @@ pub struct Nets<'a> {
     pub chain: &'a Chain,
     /// Distributions of the positive and the negative part of each residual.
     parts: Vec<[Option<Distribution<'a>>; 2]>,
+    /// Voxels of both parts of the finest residual.
+    lists: [Option<Splats>; 2],
+}
+
+fn lists(chain: &Chain) -> [Option<Splats>; 2] {
+    let of = |n: usize| chain.residuals.first().and_then(|r| r.parts[n].as_ref()).map(Splats::new);
+    [of(0), of(1)]
 }
 
 /// How the coarse image is made.
@@ -51,7 +64,7 @@ impl<'a> Nets<'a> {
             let [plus, minus] = &r.parts;
             parts.push([draw(plus)?, draw(minus)?]);
         }
-        Ok(Self { chain, parts })
+        Ok(Self { chain, parts, lists: lists(chain) })
     }
 
     /// Adds the image of a level's residual.
@@ -77,12 +90,7 @@ impl<'a> Nets<'a> {
     /// The image: the coarse grid `samples.len()` levels up, corrected level by level.
     pub fn image(&self, base: Base, samples: &[u64], seed: u64, camera: &Camera) -> Outcome<Made> {
         let Some(top) = self.chain.coarse.get(samples.len() - 1) else { return Err("too few levels".into()) };
-        let watch = Watch::default();
-        let made = match base {
-            Base::Rays(options) => cast_rays(top, camera, &RayOptions { seed, ..options }, &watch)?,
-            Base::Comb(options) => march(top, camera, &MarchOptions { seed, ..options }, &watch)?,
-        };
-        let (mut image, mut work) = (made.image, made.counters.evaluations);
+        let Made { mut image, mut work } = cast(top, base, seed, camera)?;
         image.values_mut().iter_mut().for_each(|v| *v *= self.chain.unit);
         for (level, &n) in samples.iter().enumerate() {
             work += self.correct(level, n, seed * 16 + level as u64, camera, &mut image)?;
@@ -143,8 +151,35 @@ pub fn preparations<'a>(scene: &'a Scene, chain: &'a Chain) -> Vec<Preparation<'
         Preparation { name: SPLIT, work: Box::new(move || split(1, true)) },
         Preparation { name: SPLITS, work: Box::new(move || split(chain.residuals.len(), true)) },
         Preparation { name: DRAW, work: Box::new(move || draw(1)) },
+        Preparation { name: LISTS, work: Box::new(move || Ok(drop(std::hint::black_box(lists(chain))))) },
         Preparation { name: DRAWS, work: Box::new(move || draw(chain.residuals.len())) },
     ]
+}
+
+/// Cast or combed coarse grid plus footprints of the residual: no noise but the comb's.
+fn by_footprints(nets: &Nets<'_>, lists: &[Option<Splats>; 2], base: Base, seed: u64, camera: &Camera) -> Outcome<Made> {
+    let Some(coarse) = nets.chain.coarse.first() else { return Err("no coarse grid".into()) };
+    let Made { mut image, mut work } = cast(coarse, base, seed, camera)?;
+    image.values_mut().iter_mut().for_each(|v| *v *= nets.chain.unit);
+    for (list, sign) in lists.iter().zip([1.0, -1.0]) {
+        let Some(list) = list else { continue };
+        let made = list.image::<4>(camera, crate::footprint::FINE)?;
+        let scale = sign * nets.chain.unit / 8.0;
+        for (v, r) in image.values_mut().iter_mut().zip(made.image.values()) {
+            *v += scale * r;
+        }
+        work += made.work;
+    }
+    Ok(Made { image, work })
+}
+
+fn cast(density: &Density, base: Base, seed: u64, camera: &Camera) -> Outcome<Made> {
+    let watch = Watch::default();
+    let made = match base {
+        Base::Rays(options) => cast_rays(density, camera, &RayOptions { seed, ..options }, &watch)?,
+        Base::Comb(options) => march(density, camera, &MarchOptions { seed, ..options }, &watch)?,
+    };
+    Ok(Made { image: made.image, work: made.counters.evaluations })
 }
 
 pub fn entries<'a>(scene: &'a Scene, nets: &'a Nets<'a>) -> Outcome<Vec<Entry<'a>>> {
@@ -177,7 +212,21 @@ pub fn entries<'a>(scene: &'a Scene, nets: &'a Nets<'a>) -> Outcome<Vec<Entry<'a
             });
         }
     }
-    for step in [1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 20.0] {
+    for (name, base) in [
+        ("rays 1x1", rays(1)),
+        ("comb 1x1, step 0.5", Base::Comb(comb(0.5, 1))),
+        ("comb 1x1, step 1", Base::Comb(comb(1.0, 1))),
+        ("comb 1x1, step 2", Base::Comb(comb(2.0, 1))),
+        ("comb 2x2, step 1", Base::Comb(comb(1.0, 2))),
+    ] {
+        all.push(Entry {
+            family: "cv footprint",
+            setting: name.into(),
+            needs: vec![SPLIT, LISTS],
+            work: Box::new(move |seed| by_footprints(nets, &nets.lists, base, seed, camera)),
+        });
+    }
+    for step in [1.0, 2.0, 3.0, 4.0, 8.0] {
         for n in 1..=2 {
             all.push(Entry {
                 family: "comb difference",

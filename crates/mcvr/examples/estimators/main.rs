@@ -1,6 +1,10 @@
 //! Estimators that mcvr does not offer, beside those that it does: is any of them the cheapest way to any error?
 //!
-//! `cargo run --release -p mcvr --example estimators -- DATA_DIR [--markdown FILE] [--json FILE] [--rounds 3] [--only PART]`
+//! `cargo run --release -p mcvr --example estimators -- DATA_DIR [--markdown FILE] [--json FILE] [--rounds 3] [--only PART]
+//! [--families LIST] [--all yes]`
+//!
+//! `--only` takes the volumes whose name has the part, `--families` some families (names with commas between them), `--all yes` every scan
+//! of the folder.
 //!
 //! | family | what it is |
 //! | --- | --- |
@@ -9,6 +13,7 @@
 //! | `cv comb` | the same with a comb through the coarse grid |
 //! | `multilevel` | nested grids of factors 2, 4 and 8, samples shared out by an independent pilot |
 //! | `comb difference` | rays through the coarse grid, plus a comb of the fine less the same comb of the coarse grid |
+//! | `cv footprint` | rays or a comb through the coarse grid, footprints of the residual |
 //! | `footprint` | every voxel that is not 0 adds the projection of its tent to the image |
 //! | `joseph` | bilinear interpolation in slices, slice after slice in the order of memory |
 //!
@@ -65,14 +70,17 @@ struct Options {
     json: Option<PathBuf>,
     rounds: usize,
     only: Option<String>,
+    families: Option<String>,
+    all: bool,
 }
 
-const USAGE: &str = "usage: estimators DATA_DIR [--markdown FILE] [--json FILE] [--rounds N] [--only PART]";
+const USAGE: &str = "usage: estimators DATA_DIR [--markdown FILE] [--json FILE] [--rounds N] [--only PART] \
+                     [--families LIST] [--all yes]";
 
 fn options() -> Outcome<Options> {
     let mut args = std::env::args().skip(1);
     let data = PathBuf::from(args.next().ok_or(USAGE)?);
-    let mut options = Options { data, markdown: None, json: None, rounds: 3, only: None };
+    let mut options = Options { data, markdown: None, json: None, rounds: 3, only: None, families: None, all: false };
     while let Some(flag) = args.next() {
         let value = args.next().ok_or(USAGE)?;
         match &flag[..] {
@@ -80,6 +88,8 @@ fn options() -> Outcome<Options> {
             "--json" => options.json = Some(value.into()),
             "--rounds" => options.rounds = value.parse::<usize>()?.max(1),
             "--only" => options.only = Some(value),
+            "--families" => options.families = Some(value),
+            "--all" => options.all = value == "yes",
             _ => return Err(USAGE.into()),
         }
     }
@@ -89,12 +99,12 @@ fn options() -> Outcome<Options> {
 fn main() -> Outcome<()> {
     let options = options()?;
     let mut results = vec![];
-    for source in scenes::sources(&options.data)? {
+    for source in scenes::sources(&options.data, options.all)? {
         if options.only.as_ref().is_some_and(|o| !source.contains(&o[..])) {
             continue;
         }
         let scene = scenes::Scene::load(&source, 400)?;
-        let result = clock::one_thread(|| measure(&scene, options.rounds))??;
+        let result = clock::one_thread(|| measure(&scene, options.rounds, options.families.as_deref()))??;
         eprintln!("{}", page::section(&result));
         results.push(result);
     }
@@ -113,19 +123,24 @@ fn write(path: &Path, bytes: &[u8]) -> Outcome<()> {
     Ok(mcvr::volume::write_whole(path, |out| out.write_all(bytes))?)
 }
 
-/// Prepares and measures all estimators on one scene.
-pub fn measure(scene: &scenes::Scene, rounds: usize) -> Outcome<page::Measured> {
+/// Prepares and measures all estimators, or those of some families, on one scene.
+pub fn measure(scene: &scenes::Scene, rounds: usize, families: Option<&str>) -> Outcome<page::Measured> {
+    let wanted = |family: &str| families.is_none_or(|list| list.split(',').any(|f| f == family));
     let base = baseline::Ready::new(scene)?;
-    let chain = nested::Chain::new(&scene.density, scene.unit, nested::DEPTH)?;
+    let depth = if control_variate::FAMILIES.into_iter().any(wanted) { nested::DEPTH } else { 0 };
+    let chain = nested::Chain::new(&scene.density, scene.unit, depth)?;
     let nets = control_variate::Nets::new(&chain)?;
     let list = footprint::Splats::new(&scene.density);
     let mut entries = baseline::entries(scene, &base);
     let mut preparations = baseline::preparations(scene);
-    entries.extend(control_variate::entries(scene, &nets)?);
-    preparations.extend(control_variate::preparations(scene, &chain));
+    if depth > 0 {
+        entries.extend(control_variate::entries(scene, &nets)?);
+        preparations.extend(control_variate::preparations(scene, &chain));
+    }
     entries.extend(footprint::entries(scene, &list));
     preparations.push(footprint::preparation(scene));
     entries.extend(joseph::entries(scene));
+    entries.retain(|e| wanted(e.family));
     let times = clock::measure(&mut preparations, &mut entries, rounds, &scene.truth)?;
     Ok(page::Measured { scene: scene.described(), facts: chain.facts(), times })
 }

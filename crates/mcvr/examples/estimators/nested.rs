@@ -45,8 +45,8 @@ pub struct Chain {
 
 impl Chain {
     pub fn new(density: &Density, unit: f64, depth: usize) -> Outcome<Self> {
-        let mut chain =
-            Self { levels: vec![whole(density, unit)?], coarse: vec![], residuals: vec![], unit };
+        let levels = if depth > 0 { vec![whole(density, unit)?] } else { vec![] };
+        let mut chain = Self { levels, coarse: vec![], residuals: vec![], unit };
         for _ in 0..depth {
             let Some(fine) = chain.levels.last() else { break };
             let tried = [coarsen(fine, false)?, coarsen(fine, true)?].map(|c| (absolute(fine, &c), c));

@@ -13,8 +13,9 @@ const ERRORS: [f64; 4] = [0.1, 0.03, 0.01, 0.003];
 const OWN: [&str; 3] = ["rays", "comb", "qmc"];
 
 /// Families in the order of the page.
-const FAMILIES: [&str; 10] =
-    ["rays", "comb", "march", "qmc", "cv", "cv comb", "multilevel", "comb difference", "footprint", "joseph"];
+const FAMILIES: [&str; 11] = [
+    "rays", "comb", "march", "qmc", "cv", "cv comb", "multilevel", "comb difference", "cv footprint", "footprint", "joseph",
+];
 
 #[derive(Serialize)]
 pub struct Measured {
@@ -37,14 +38,17 @@ fn ms(seconds: f64) -> String {
 /// The tables of one scene.
 pub fn section(measured: &Measured) -> String {
     let rows = &measured.times.rows;
-    let mut out = format!("## {}\n\nNested grids: {}.\n\n", measured.scene, measured.facts.join("; "));
+    let mut out = format!("## {}\n\n", measured.scene);
+    if !measured.facts.is_empty() {
+        let _ = writeln!(out, "Nested grids: {}.\n", measured.facts.join("; "));
+    }
     out += "Preparation, ms: ";
     let list: Vec<String> = measured.times.preparations.iter().map(|(n, s)| format!("{n} {}", ms(*s))).collect();
     let _ = writeln!(out, "{}.\n", list.join(", "));
     for (title, prepared) in [("an image alone", 0.0), ("with all preparation", 1.0)] {
         let cost = move |r: &Row| r.seconds + prepared * r.prepared;
         let _ = writeln!(out, "Least ms of {title} by error:\n\n| family | 10 % | 3 % | 1 % | 0.3 % |\n| --- | --- | --- | --- | --- |");
-        for family in FAMILIES {
+        for family in FAMILIES.into_iter().filter(|f| rows.iter().any(|r| r.family == *f)) {
             let _ = write!(out, "| {family} |");
             for error in ERRORS {
                 let own = cheapest(rows, &OWN, error, cost).map(cost);

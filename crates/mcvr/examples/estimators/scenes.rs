@@ -28,11 +28,16 @@ pub struct Scene {
     pub unit: f64,
 }
 
-/// Files of the scans, and phantoms.
-pub fn sources(folder: &Path) -> Outcome<Vec<String>> {
+/// Files of the scans, and phantoms; or all files that are volumes.
+pub fn sources(folder: &Path, every: bool) -> Outcome<Vec<String>> {
     let mut files: Vec<String> = vec![];
     for entry in std::fs::read_dir(folder).map_err(|e| format!("{}: {e}", folder.display()))? {
         files.push(entry?.path().to_string_lossy().into_owned());
+    }
+    if every {
+        files.retain(|f| !f.ends_with(".md") && !f.ends_with(".tar.gz"));
+        files.sort();
+        return Ok(files);
     }
     let mut all = vec![];
     for scan in SCANS {
@@ -47,7 +52,7 @@ impl Scene {
     /// The usual oblique view of `side` by `side` pixels, `line`, `tent`.
     pub fn load(source: &str, side: usize) -> Outcome<Self> {
         let volume = mcvr::volume::load(source, None)?.volume;
-        let hounsfield = source.contains("_hu_");
+        let hounsfield = source.contains("_hu_") || source.contains("abdomen");
         let transfer =
             if hounsfield { Transfer::Hounsfield(Hounsfield::of_water(WATER)?) } else { Transfer::Identity };
         let unit = if hounsfield { WATER / 1000.0 } else { 1.0 };

@@ -1,0 +1,129 @@
+use mcvr::raycast::{Counters, Integrator, RayOptions, cast_rays};
+use mcvr::scene::{Density, DensityMap, Estimand, Image, Kernel, Watch};
+
+use crate::clock::error;
+use crate::control_variate::{Base, Nets, combed_difference};
+use crate::footprint::{FINE, Splats};
+use crate::nested::{Chain, coarsen, density_of, residual, whole};
+use crate::scenes::Scene;
+
+fn scene(source: &str) -> Scene {
+    Scene::load(source, 48).unwrap()
+}
+
+/// Along every ray, coarse and residual make the fine field, whatever the rule and whether axes are odd or even.
+#[test]
+fn coarse_and_residual_are_the_volume() {
+    for source in ["phantom:vessels@20x21x17", "phantom:lobster@33x16x22"] {
+        let scene = scene(source);
+        let fine = whole(&scene.density, 1.0).unwrap();
+        for fitted in [false, true] {
+            let coarse = coarsen(&fine, fitted).unwrap();
+            let rest = residual(&fine, &coarse).unwrap();
+            let coarse = density_of(coarse.grid, coarse.weights).unwrap().unwrap();
+            let [plus, minus] = rest.parts.map(Option::unwrap);
+            let value = |density: &Density, px: f64, py: f64| {
+                let integrator = Integrator::new(density, Kernel::Tent).unwrap();
+                integrator.view(&scene.camera, Estimand::Line).integrate(px, py, &mut Counters::default())
+            };
+            let mut largest = 0.0f64;
+            for n in 0..150 {
+                let (px, py) = (f64::from(n % 15) * 3.2 + 0.3, f64::from(n / 15) * 4.7 + 0.9);
+                let whole = value(&scene.density, px, py);
+                let parts = value(&coarse, px, py) + (value(&plus, px, py) - value(&minus, px, py)) / 8.0;
+                largest = largest.max(whole);
+                assert!((whole - parts).abs() <= 1e-9 * scene.truth.max(), "{source} {fitted}: {whole} {parts}");
+            }
+            assert!(largest > 0.0, "no ray has met the volume");
+        }
+    }
+}
+
+/// Mean over the pixels of t² of the mean over 16 seeds: 15/13 when there is no bias, plus 16 times the squared bias in units of
+/// an image's standard deviation.
+fn mean_square_t(images: &[Image], truth: &Image) -> f64 {
+    let n = images.len() as f64;
+    let (mut sum, mut pixels) = (0.0, 0.0);
+    for (i, truth) in truth.values().iter().enumerate() {
+        let values = || images.iter().map(|image| image.values()[i]);
+        let mean = values().sum::<f64>() / n;
+        let variance = values().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        if variance > 0.0 {
+            sum += (mean - truth).powi(2) * n / variance;
+            pixels += 1.0;
+        }
+    }
+    assert!(pixels > 300.0, "{pixels} pixels have any noise");
+    sum / pixels
+}
+
+/// Twice its standard deviation over independent pixels at 500 of them, and more for those that are not normal.
+const NO_BIAS: std::ops::Range<f64> = 0.9..1.45;
+
+#[test]
+fn control_variates_are_unbiased() {
+    let scene = scene("phantom:lobster@40");
+    let chain = Chain::new(&scene.density, 1.0, 2).unwrap();
+    let nets = Nets::new(&chain).unwrap();
+    let base = Base::Rays(RayOptions { jitter: true, rays_per_pixel: 4, ..RayOptions::default() });
+    for samples in [&[1 << 12][..], &[1 << 12, 1 << 11]] {
+        let image = |seed| nets.image(base, samples, seed, &scene.camera).unwrap().image;
+        let images: Vec<Image> = (1..=16).map(image).collect();
+        let t = mean_square_t(&images, &scene.truth);
+        assert!(NO_BIAS.contains(&t), "{samples:?}: {t}");
+        // The check sees a residual that is left out by a tenth.
+        let mut wrong = scene.truth.clone();
+        wrong.values_mut().iter_mut().for_each(|v| *v *= 1.1);
+        assert!(!NO_BIAS.contains(&mean_square_t(&images, &wrong)), "the check is blind");
+    }
+}
+
+/// In depth: its rays stand at pixel centres, as those of the exact image that it is held to.
+#[test]
+fn the_difference_of_combs_is_unbiased() {
+    let scene = scene("phantom:lobster@40");
+    let chain = Chain::new(&scene.density, 1.0, 1).unwrap();
+    let options = RayOptions { average: true, ..RayOptions::default() };
+    let exact = cast_rays(&scene.density, &scene.camera, &options, &Watch::default()).unwrap().image;
+    let images: Vec<Image> =
+        (1..=16).map(|seed| combed_difference(&scene, &chain, 6.0, 1, seed).unwrap().image).collect();
+    let t = mean_square_t(&images, &exact);
+    assert!(NO_BIAS.contains(&t), "{t}");
+}
+
+/// The bias of footprints, of thin structures at about a voxel a pixel, and that no mass is lost.
+#[test]
+fn footprints_err_by_less_than_a_percent() {
+    let mut scene = Scene::load("phantom:vessels@64", 100).unwrap();
+    let list = Splats::new(&scene.density);
+    for (image, side) in [
+        (list.image::<4>(&scene.camera, FINE).unwrap().image, 4),
+        (list.image::<6>(&scene.camera, FINE).unwrap().image, 6),
+    ] {
+        let off = error(&image, &scene.truth);
+        assert!(off < 0.01, "{side}: {off}");
+        assert!((image.mean() / scene.truth.mean() - 1.0).abs() < 1e-3, "{side}: {}", image.mean());
+    }
+    scene.truth.values_mut().rotate_right(1);
+    assert!(error(&list.image::<4>(&scene.camera, FINE).unwrap().image, &scene.truth) > 0.1, "the check is blind");
+}
+
+/// Its bias shrinks with the sideways way from slice to slice: along an axis it is nearly the tent's integral.
+#[test]
+fn joseph_is_near_the_truth_where_the_field_is_smooth() {
+    let volume = mcvr::volume::load("phantom:gaussian@40x32x36", None).unwrap().volume;
+    let density = Density::new(&volume, DensityMap::default()).unwrap();
+    let scene = scene("phantom:gaussian@40x32x36");
+    let image = crate::joseph::image(&density, &scene.camera, true).unwrap().image;
+    let off = error(&image, &scene.truth);
+    assert!(off < 0.005, "{off}");
+}
+
+#[test]
+fn all_estimators_run() {
+    let scene = scene("phantom:vessels@24");
+    let measured = crate::measure(&scene, 1, None).unwrap();
+    assert!(measured.times.rows.iter().all(|r| r.error.is_finite() && r.seconds > 0.0));
+    let page = crate::page::markdown(&[measured]);
+    assert!(page.contains("| footprint |") && page.contains("| multilevel |"), "{page}");
+}

@@ -87,13 +87,8 @@ pub fn entries<'a>(scene: &'a Scene, ready: &'a Ready<'a>) -> Vec<Entry<'a>> {
 
 fn marched<'a>(scene: &'a Scene, family: &'static str, n: u32, step: f64) -> Entry<'a> {
     let comb = family == "comb";
-    let options = MarchOptions {
-        step,
-        random_phase: comb,
-        average: comb,
-        rays_per_pixel: n * n,
-        ..MarchOptions::default()
-    };
+    let options =
+        MarchOptions { step, random_phase: comb, average: comb, rays_per_pixel: n * n, ..MarchOptions::default() };
     Entry {
         family,
         setting: format!("{n}x{n}, step {step}"),

@@ -157,7 +157,13 @@ pub fn preparations<'a>(scene: &'a Scene, chain: &'a Chain) -> Vec<Preparation<'
 }
 
 /// Cast or combed coarse grid plus footprints of the residual: no noise but the comb's.
-fn by_footprints(nets: &Nets<'_>, lists: &[Option<Splats>; 2], base: Base, seed: u64, camera: &Camera) -> Outcome<Made> {
+fn by_footprints(
+    nets: &Nets<'_>,
+    lists: &[Option<Splats>; 2],
+    base: Base,
+    seed: u64,
+    camera: &Camera,
+) -> Outcome<Made> {
     let Some(coarse) = nets.chain.coarse.first() else { return Err("no coarse grid".into()) };
     let Made { mut image, mut work } = cast(coarse, base, seed, camera)?;
     image.values_mut().iter_mut().for_each(|v| *v *= nets.chain.unit);
@@ -185,11 +191,11 @@ fn cast(density: &Density, base: Base, seed: u64, camera: &Camera) -> Outcome<Ma
 pub fn entries<'a>(scene: &'a Scene, nets: &'a Nets<'a>) -> Outcome<Vec<Entry<'a>>> {
     let camera = &scene.camera;
     let mut all = vec![];
-    let bases = [("cv", "rays 1x1", rays(1)), ("cv", "rays 2x2", rays(2)), ("cv comb", "comb 2", Base::Comb(comb(2.0, 1)))];
-    let bases = bases.into_iter().chain([
-        ("cv comb", "comb 1", Base::Comb(comb(1.0, 1))),
-        ("cv comb", "comb 4", Base::Comb(comb(4.0, 1))),
-    ]);
+    let bases =
+        [("cv", "rays 1x1", rays(1)), ("cv", "rays 2x2", rays(2)), ("cv comb", "comb 2", Base::Comb(comb(2.0, 1)))];
+    let bases = bases
+        .into_iter()
+        .chain([("cv comb", "comb 1", Base::Comb(comb(1.0, 1))), ("cv comb", "comb 4", Base::Comb(comb(4.0, 1)))]);
     for (family, base_name, base) in bases {
         for m in (14..=22).step_by(2) {
             all.push(Entry {
@@ -232,7 +238,9 @@ pub fn entries<'a>(scene: &'a Scene, nets: &'a Nets<'a>) -> Outcome<Vec<Entry<'a
                 family: "comb difference",
                 setting: format!("{n}x{n}, step {step}"),
                 needs: vec![BRICKS, COARSE],
-                work: Box::new(move |seed| combed_difference(scene, nets.chain, step, n, seed)),
+                work: Box::new(move |seed| {
+                    combed_difference(scene, nets.chain, MarchOptions { seed, ..comb(step, n) })
+                }),
             });
         }
     }
@@ -240,14 +248,15 @@ pub fn entries<'a>(scene: &'a Scene, nets: &'a Nets<'a>) -> Outcome<Vec<Entry<'a
 }
 
 /// Rays through the coarse grid plus a comb of the fine grid less the same comb, tooth by tooth, of the coarse one.
-pub fn combed_difference(scene: &Scene, chain: &Chain, step: f64, n: u32, seed: u64) -> Outcome<Made> {
+pub fn combed_difference(scene: &Scene, chain: &Chain, teeth: MarchOptions) -> Outcome<Made> {
     let Some(coarse) = chain.coarse.first() else { return Err("no coarse grid".into()) };
     let (camera, watch) = (&scene.camera, Watch::default());
-    let options = RayOptions { rays_per_pixel: n * n, average: true, ..RayOptions::default() };
+    let MarchOptions { rays_per_pixel, jitter, average, seed, step, .. } = teeth;
+    let options = RayOptions { rays_per_pixel, jitter, average, seed, ..RayOptions::default() };
     let exact = cast_rays(coarse, camera, &options, &watch)?;
-    let fine = march(&scene.density, camera, &MarchOptions { seed, ..comb(step, n) }, &watch)?;
+    let fine = march(&scene.density, camera, &teeth, &watch)?;
     // The coarse voxels are twice as wide: half the step is the same distance, and phases are keyed by seed and pixel.
-    let same = march(coarse, camera, &MarchOptions { seed, ..comb(0.5 * step, n) }, &watch)?;
+    let same = march(coarse, camera, &MarchOptions { step: 0.5 * step, ..teeth }, &watch)?;
     let mut image = fine.image;
     for ((v, e), c) in image.values_mut().iter_mut().zip(exact.image.values()).zip(same.image.values()) {
         *v += chain.unit * (e - c);

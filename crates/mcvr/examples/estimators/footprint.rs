@@ -188,7 +188,8 @@ fn project(frame: &Frame, at: [&[u16]; 3], weight: &[f32], batch: &mut Batch) {
         let (gx, gy) = (px - 0.5, py - 0.5);
         let (ix, iy) = (gx.floor(), gy.floor());
         let (sx, sy) = (ix + first, iy + first);
-        let inside = (sx >= 0.0) & (sy >= 0.0) & (sx <= right) & (sy <= bottom) & (near > 0.0) & (near <= frame.farthest);
+        let inside =
+            (sx >= 0.0) & (sy >= 0.0) & (sx <= right) & (sy <= bottom) & (near > 0.0) & (near <= frame.farthest);
         let (ox, oy) = (((gx - ix) * offsets).min(offsets - 1.0), ((gy - iy) * offsets).min(offsets - 1.0));
         let w = ((wide - frame.least) * frame.per + 0.5).max(0.0).min(widths - 1.0);
         let h = ((high - frame.least) * frame.per + 0.5).max(0.0).min(widths - 1.0);

@@ -18,11 +18,7 @@ pub struct Profiles<const N: usize> {
 /// Integral of the cubic B-spline from minus infinity to `x`.
 fn spline_integral(x: f32) -> f32 {
     let y = x.abs().min(2.0);
-    let half = if y < 1.0 {
-        y * (2.0 / 3.0 - y * y * (1.0 / 3.0 - y / 8.0))
-    } else {
-        0.5 - (2.0 - y).powi(4) / 24.0
-    };
+    let half = if y < 1.0 { y * (2.0 / 3.0 - y * y * (1.0 / 3.0 - y / 8.0)) } else { 0.5 - (2.0 - y).powi(4) / 24.0 };
     0.5 + half.copysign(x)
 }
 

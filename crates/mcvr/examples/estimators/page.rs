@@ -14,7 +14,17 @@ const OWN: [&str; 3] = ["rays", "comb", "qmc"];
 
 /// Families in the order of the page.
 const FAMILIES: [&str; 11] = [
-    "rays", "comb", "march", "qmc", "cv", "cv comb", "multilevel", "comb difference", "cv footprint", "footprint", "joseph",
+    "rays",
+    "comb",
+    "march",
+    "qmc",
+    "cv",
+    "cv comb",
+    "multilevel",
+    "comb difference",
+    "cv footprint",
+    "footprint",
+    "joseph",
 ];
 
 #[derive(Serialize)]
@@ -26,9 +36,7 @@ pub struct Measured {
 
 /// The cheapest setting of some families that reaches an error.
 fn cheapest<'a>(rows: &'a [Row], families: &[&str], error: f64, cost: impl Fn(&Row) -> f64) -> Option<&'a Row> {
-    rows.iter()
-        .filter(|r| families.contains(&r.family) && r.error <= error)
-        .min_by(|a, b| cost(a).total_cmp(&cost(b)))
+    rows.iter().filter(|r| families.contains(&r.family) && r.error <= error).min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
 
 fn ms(seconds: f64) -> String {
@@ -47,7 +55,10 @@ pub fn section(measured: &Measured) -> String {
     let _ = writeln!(out, "{}.\n", list.join(", "));
     for (title, prepared) in [("an image alone", 0.0), ("with all preparation", 1.0)] {
         let cost = move |r: &Row| r.seconds + prepared * r.prepared;
-        let _ = writeln!(out, "Least ms of {title} by error:\n\n| family | 10 % | 3 % | 1 % | 0.3 % |\n| --- | --- | --- | --- | --- |");
+        let _ = writeln!(
+            out,
+            "Least ms of {title} by error:\n\n| family | 10 % | 3 % | 1 % | 0.3 % |\n| --- | --- | --- | --- | --- |"
+        );
         for family in FAMILIES.into_iter().filter(|f| rows.iter().any(|r| r.family == *f)) {
             let _ = write!(out, "| {family} |");
             for error in ERRORS {
@@ -67,7 +78,9 @@ pub fn section(measured: &Measured) -> String {
 
 /// All settings of one scene.
 fn settings(measured: &Measured) -> String {
-    let mut out = String::from("| family | setting | ms | preparation, ms | error | work |\n| --- | --- | ---: | ---: | ---: | ---: |\n");
+    let mut out = String::from(
+        "| family | setting | ms | preparation, ms | error | work |\n| --- | --- | ---: | ---: | ---: | ---: |\n",
+    );
     for r in &measured.times.rows {
         let _ = writeln!(
             out,

@@ -53,8 +53,7 @@ impl Scene {
     pub fn load(source: &str, side: usize) -> Outcome<Self> {
         let volume = mcvr::volume::load(source, None)?.volume;
         let hounsfield = source.contains("_hu_") || source.contains("abdomen");
-        let transfer =
-            if hounsfield { Transfer::Hounsfield(Hounsfield::of_water(WATER)?) } else { Transfer::Identity };
+        let transfer = if hounsfield { Transfer::Hounsfield(Hounsfield::of_water(WATER)?) } else { Transfer::Identity };
         let unit = if hounsfield { WATER / 1000.0 } else { 1.0 };
         let density = Density::new(&volume, DensityMap { transfer, ..DensityMap::default() })?;
         let camera = Camera::look(&View::default(), volume.grid(), Extent::new(side, side)?)?;

@@ -1,5 +1,5 @@
-use mcvr::raycast::{Counters, Integrator, RayOptions, cast_rays};
-use mcvr::scene::{Density, DensityMap, Estimand, Image, Kernel, Watch};
+use mcvr::raycast::{Counters, Integrator, MarchOptions, RayOptions};
+use mcvr::scene::{Density, Estimand, Image, Kernel};
 
 use crate::clock::error;
 use crate::control_variate::{Base, Nets, combed_difference};
@@ -39,26 +39,33 @@ fn coarse_and_residual_are_the_volume() {
     }
 }
 
-/// Mean over the pixels of t² of the mean over 16 seeds: 15/13 when there is no bias, plus 16 times the squared bias in units of
-/// an image's standard deviation.
-fn mean_square_t(images: &[Image], truth: &Image) -> f64 {
+/// Square of what the mean over the seeds is off, over what noise alone makes of it, both summed over the pixels: 1 without bias,
+/// whatever the noise's distribution.
+fn off(images: &[Image], truth: &Image) -> f64 {
     let n = images.len() as f64;
-    let (mut sum, mut pixels) = (0.0, 0.0);
+    let (mut squares, mut noise) = (0.0, 0.0);
     for (i, truth) in truth.values().iter().enumerate() {
         let values = || images.iter().map(|image| image.values()[i]);
         let mean = values().sum::<f64>() / n;
-        let variance = values().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
-        if variance > 0.0 {
-            sum += (mean - truth).powi(2) * n / variance;
-            pixels += 1.0;
-        }
+        squares += (mean - truth).powi(2);
+        noise += values().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0) / n;
     }
-    assert!(pixels > 300.0, "{pixels} pixels have any noise");
-    sum / pixels
+    squares / noise
 }
 
-/// Twice its standard deviation over independent pixels at 500 of them, and more for those that are not normal.
-const NO_BIAS: std::ops::Range<f64> = 0.9..1.45;
+/// Three standard deviations for some 150 independent pixels.
+const NO_BIAS: std::ops::Range<f64> = 0.65..1.35;
+
+/// Holds the mean over 16 seeds to the truth, and checks that a truth brighter by a twentieth would be told from it.
+fn hold(images: &[Image], truth: &Image, what: &str) {
+    assert_eq!(images.len(), 16);
+    let ratio = off(images, truth);
+    assert!(NO_BIAS.contains(&ratio), "{what}: {ratio}");
+    let mut wrong = truth.clone();
+    wrong.values_mut().iter_mut().for_each(|v| *v *= 1.05);
+    let ratio = off(images, &wrong);
+    assert!(!NO_BIAS.contains(&ratio), "{what}: the check is blind, {ratio}");
+}
 
 #[test]
 fn control_variates_are_unbiased() {
@@ -66,29 +73,32 @@ fn control_variates_are_unbiased() {
     let chain = Chain::new(&scene.density, 1.0, 2).unwrap();
     let nets = Nets::new(&chain).unwrap();
     let base = Base::Rays(RayOptions { jitter: true, rays_per_pixel: 4, ..RayOptions::default() });
-    for samples in [&[1 << 12][..], &[1 << 12, 1 << 11]] {
+    for samples in [&[1 << 16][..], &[1 << 16, 1 << 15]] {
         let image = |seed| nets.image(base, samples, seed, &scene.camera).unwrap().image;
         let images: Vec<Image> = (1..=16).map(image).collect();
-        let t = mean_square_t(&images, &scene.truth);
-        assert!(NO_BIAS.contains(&t), "{samples:?}: {t}");
-        // The check sees a residual that is left out by a tenth.
-        let mut wrong = scene.truth.clone();
-        wrong.values_mut().iter_mut().for_each(|v| *v *= 1.1);
-        assert!(!NO_BIAS.contains(&mean_square_t(&images, &wrong)), "the check is blind");
+        hold(&images, &scene.truth, &format!("{samples:?}"));
     }
 }
 
-/// In depth: its rays stand at pixel centres, as those of the exact image that it is held to.
+/// With jitter, where every pixel has a phase of its own. Over a grid all pixels share one random shift, so that their errors have the
+/// same sign for a seed, and 16 seeds say little.
 #[test]
 fn the_difference_of_combs_is_unbiased() {
     let scene = scene("phantom:lobster@40");
     let chain = Chain::new(&scene.density, 1.0, 1).unwrap();
-    let options = RayOptions { average: true, ..RayOptions::default() };
-    let exact = cast_rays(&scene.density, &scene.camera, &options, &Watch::default()).unwrap().image;
-    let images: Vec<Image> =
-        (1..=16).map(|seed| combed_difference(&scene, &chain, 6.0, 1, seed).unwrap().image).collect();
-    let t = mean_square_t(&images, &exact);
-    assert!(NO_BIAS.contains(&t), "{t}");
+    let image = |seed| {
+        let teeth = MarchOptions {
+            step: 3.0,
+            random_phase: true,
+            jitter: true,
+            rays_per_pixel: 4,
+            seed,
+            ..MarchOptions::default()
+        };
+        combed_difference(&scene, &chain, teeth).unwrap().image
+    };
+    let images: Vec<Image> = (1..=16).map(image).collect();
+    hold(&images, &scene.truth, "comb difference");
 }
 
 /// The bias of footprints, of thin structures at about a voxel a pixel, and that no mass is lost.
@@ -108,15 +118,15 @@ fn footprints_err_by_less_than_a_percent() {
     assert!(error(&list.image::<4>(&scene.camera, FINE).unwrap().image, &scene.truth) > 0.1, "the check is blind");
 }
 
-/// Its bias shrinks with the sideways way from slice to slice: along an axis it is nearly the tent's integral.
+/// It lacks what the tent smooths across the slices: 1 % here, on structures of some eight voxels.
 #[test]
 fn joseph_is_near_the_truth_where_the_field_is_smooth() {
-    let volume = mcvr::volume::load("phantom:gaussian@40x32x36", None).unwrap().volume;
-    let density = Density::new(&volume, DensityMap::default()).unwrap();
-    let scene = scene("phantom:gaussian@40x32x36");
-    let image = crate::joseph::image(&density, &scene.camera, true).unwrap().image;
+    let mut scene = scene("phantom:gaussian@40x32x36");
+    let image = crate::joseph::image(&scene.density, &scene.camera, true).unwrap().image;
     let off = error(&image, &scene.truth);
-    assert!(off < 0.005, "{off}");
+    assert!(off < 0.02, "{off}");
+    scene.truth.values_mut().rotate_right(1);
+    assert!(error(&image, &scene.truth) > 0.02, "the check is blind");
 }
 
 #[test]

@@ -151,7 +151,13 @@ pub fn preparations<'a>(scene: &'a Scene, chain: &'a Chain) -> Vec<Preparation<'
         Preparation { name: SPLIT, work: Box::new(move || split(1, true)) },
         Preparation { name: SPLITS, work: Box::new(move || split(chain.residuals.len(), true)) },
         Preparation { name: DRAW, work: Box::new(move || draw(1)) },
-        Preparation { name: LISTS, work: Box::new(move || Ok(drop(std::hint::black_box(lists(chain))))) },
+        Preparation {
+            name: LISTS,
+            work: Box::new(move || {
+                std::hint::black_box(lists(chain));
+                Ok(())
+            }),
+        },
         Preparation { name: DRAWS, work: Box::new(move || draw(chain.residuals.len())) },
     ]
 }

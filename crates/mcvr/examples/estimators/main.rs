@@ -1,7 +1,7 @@
 //! Estimators that mcvr does not offer, beside those that it does: is any of them the cheapest way to any error?
 //!
 //! `cargo run --release -p mcvr --example estimators -- DATA_DIR [--markdown FILE] [--json FILE] [--rounds 3] [--only PART]
-//! [--families LIST] [--all yes]`
+//! [--families LIST] [--all yes] [--view AZIMUTH,ELEVATION]`
 //!
 //! `--only` takes the volumes whose name has the part, `--families` some families (names with commas between them), `--all yes` every scan
 //! of the folder.
@@ -72,15 +72,26 @@ struct Options {
     only: Option<String>,
     families: Option<String>,
     all: bool,
+    /// Azimuth and elevation in degrees.
+    view: [f64; 2],
 }
 
 const USAGE: &str = "usage: estimators DATA_DIR [--markdown FILE] [--json FILE] [--rounds N] [--only PART] \
-                     [--families LIST] [--all yes]";
+                     [--families LIST] [--all yes] [--view AZIMUTH,ELEVATION]";
 
 fn options() -> Outcome<Options> {
     let mut args = std::env::args().skip(1);
     let data = PathBuf::from(args.next().ok_or(USAGE)?);
-    let mut options = Options { data, markdown: None, json: None, rounds: 3, only: None, families: None, all: false };
+    let mut options = Options {
+        data,
+        markdown: None,
+        json: None,
+        rounds: 3,
+        only: None,
+        families: None,
+        all: false,
+        view: [30.0, 20.0],
+    };
     while let Some(flag) = args.next() {
         let value = args.next().ok_or(USAGE)?;
         match &flag[..] {
@@ -89,6 +100,10 @@ fn options() -> Outcome<Options> {
             "--rounds" => options.rounds = value.parse::<usize>()?.max(1),
             "--only" => options.only = Some(value),
             "--families" => options.families = Some(value),
+            "--view" => {
+                let (azimuth, elevation) = value.split_once(',').ok_or(USAGE)?;
+                options.view = [azimuth.parse()?, elevation.parse()?];
+            }
             "--all" => options.all = value == "yes",
             _ => return Err(USAGE.into()),
         }
@@ -103,7 +118,7 @@ fn main() -> Outcome<()> {
         if options.only.as_ref().is_some_and(|o| !source.contains(&o[..])) {
             continue;
         }
-        let scene = scenes::Scene::load(&source, 400)?;
+        let scene = scenes::Scene::load(&source, 400, options.view)?;
         let result = clock::one_thread(|| measure(&scene, options.rounds, options.families.as_deref()))??;
         eprintln!("{}", page::section(&result));
         results.push(result);

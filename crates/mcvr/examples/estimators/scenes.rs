@@ -49,14 +49,15 @@ pub fn sources(folder: &Path, every: bool) -> Outcome<Vec<String>> {
 }
 
 impl Scene {
-    /// The usual oblique view of `side` by `side` pixels, `line`, `tent`.
-    pub fn load(source: &str, side: usize) -> Outcome<Self> {
+    /// A view of `side` by `side` pixels, `line`, `tent`.
+    pub fn load(source: &str, side: usize, [azimuth, elevation]: [f64; 2]) -> Outcome<Self> {
         let volume = mcvr::volume::load(source, None)?.volume;
         let hounsfield = source.contains("_hu_") || source.contains("abdomen");
         let transfer = if hounsfield { Transfer::Hounsfield(Hounsfield::of_water(WATER)?) } else { Transfer::Identity };
         let unit = if hounsfield { WATER / 1000.0 } else { 1.0 };
         let density = Density::new(&volume, DensityMap { transfer, ..DensityMap::default() })?;
-        let camera = Camera::look(&View::default(), volume.grid(), Extent::new(side, side)?)?;
+        let camera =
+            Camera::look(&View { azimuth, elevation, ..View::default() }, volume.grid(), Extent::new(side, side)?)?;
         let options = ReferenceOptions { tolerance: TOLERANCE, ..ReferenceOptions::default() };
         let truth = reference(&density, &camera, &options, &Watch::default())?;
         let name = source.rsplit(['/', '\\']).next().unwrap_or(source);

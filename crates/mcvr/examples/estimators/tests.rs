@@ -8,7 +8,7 @@ use crate::nested::{Chain, coarsen, density_of, residual, whole};
 use crate::scenes::Scene;
 
 fn scene(source: &str) -> Scene {
-    Scene::load(source, 48).unwrap()
+    Scene::load(source, 48, [30.0, 20.0]).unwrap()
 }
 
 /// Along every ray, coarse and residual make the fine field, whatever the rule and whether axes are odd or even.
@@ -104,7 +104,7 @@ fn the_difference_of_combs_is_unbiased() {
 /// The bias of footprints, of thin structures at about a voxel a pixel, and that no mass is lost.
 #[test]
 fn footprints_err_by_less_than_a_percent() {
-    let mut scene = Scene::load("phantom:vessels@64", 100).unwrap();
+    let mut scene = Scene::load("phantom:vessels@64", 100, [30.0, 20.0]).unwrap();
     let list = Splats::new(&scene.density);
     for (image, side) in [
         (list.image::<4>(&scene.camera, FINE).unwrap().image, 4),

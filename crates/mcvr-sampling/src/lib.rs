@@ -32,6 +32,7 @@ mod real;
 mod replicates;
 pub mod rng;
 mod running;
+mod running_totals;
 mod stored;
 mod stream;
 mod totals;

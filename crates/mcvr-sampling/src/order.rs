@@ -85,7 +85,7 @@ pub(crate) trait Layout: Sync {
         brick: usize,
         voxels: &[T],
         units: U,
-        _: &mut Turned<T>,
+        _: &mut Turned,
         sums: &mut [U::Word; BRICK],
     ) -> usize {
         self.sums(brick, voxels, units, sums)
@@ -219,7 +219,7 @@ impl Layout for Nested {
         brick: usize,
         voxels: &[T],
         units: U,
-        turned: &mut Turned<T>,
+        turned: &mut Turned,
         sums: &mut [U::Word; BRICK],
     ) -> usize {
         if self.axes[0] != 0

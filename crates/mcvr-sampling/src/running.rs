@@ -13,7 +13,9 @@ impl Distribution<'_> {
         with_layout!(&self.layout, l => with_voxels!(self.density.volume().voxels(), v =>
         with_units!(&self.weights, &self.density, u => {
             let mut sums = [Default::default(); BRICK];
-            for (brick, ends) in self.before.windows(2).enumerate() {
+            let mut totals = self.totals.cursor(0);
+            for brick in 0..l.bricks() {
+                let ends = totals.ends(brick);
                 // Empty, or out of the camera's sight.
                 if ends[0] == ends[1] {
                     continue;

@@ -8,6 +8,7 @@ use mcvr_volume::Voxel;
 
 use crate::order::{BRICK, Nested};
 use crate::units::{Units, Word};
+use crate::unpack::prefetch;
 use mcvr_volume::vectorised;
 
 /// Lines that are summed side by side: their sums stay in the first cache.
@@ -34,6 +35,10 @@ fn totals_body<T: Voxel, U: Units<T>>(nested: &Nested, first: usize, voxels: &[T
     let end = (start + totals.len() * BRICK).min(voxels.len());
     if nested.axes()[0] == 0 {
         for (total, brick) in totals.iter_mut().zip(voxels[start..end].chunks(BRICK)) {
+            if U::BYTES {
+                *total = sum_of_bytes(brick, units);
+                continue;
+            }
             let mut sum = U::Word::default();
             for v in brick {
                 sum = sum.plus(units.units(*v));
@@ -59,14 +64,54 @@ fn totals_body<T: Voxel, U: Units<T>>(nested: &Nested, first: usize, voxels: &[T
     }
     part(start, whole * n0);
     part(beyond * n0, end);
+    if U::BYTES {
+        add_lines(nested, voxels, [start, whole, beyond], totals, |v| u16::from(units.byte(v)));
+    } else {
+        add_lines(nested, voxels, [start, whole, beyond], totals, |v| units.units(v));
+    }
+}
+
+/// Lanes that bytes are added up in, side by side.
+const LANES: usize = 32;
+
+/// Sum of a brick's weights of at most 255 each: in 16 bits, which leaves vectors twice as full as 32.
+#[inline(always)]
+fn sum_of_bytes<T: Voxel, U: Units<T>>(brick: &[T], units: U) -> u64 {
+    let mut lanes = [0u16; LANES];
+    let (rows, rest) = brick.as_chunks::<LANES>();
+    for row in rows {
+        for (lane, v) in lanes.iter_mut().zip(row) {
+            *lane += u16::from(units.byte(*v));
+        }
+    }
+    let mut sum = 0u32;
+    for lane in lanes {
+        sum += u32::from(lane);
+    }
+    for v in rest {
+        sum += u32::from(units.byte(*v));
+    }
+    u64::from(sum)
+}
+
+/// Adds the lines from `whole` to `beyond` to the totals of bricks, which begin at the voxel `start` in order.
+#[inline(always)]
+fn add_lines<T: Voxel, W: Word>(
+    nested: &Nested,
+    voxels: &[T],
+    [start, whole, beyond]: [usize; 3],
+    totals: &mut [u64],
+    unit: impl Fn(T) -> W,
+) {
+    let ([n0, n1, _], [s0, s1, s2]) = (nested.extents(), nested.strides());
     let mut sums = Lines::new(n0);
     let mut line = whole;
     while line < beyond {
         // Lines follow each other in memory up to the end of the middle axis, and beyond it where that is the whole plane.
         let side_by_side = if s2 == n1 * s1 { beyond - line } else { n1 - line % n1 };
         let count = side_by_side.min(beyond - line).min(LINES);
-        let rows = Rows { first: origin(line), stride: s0, lines: count, position: line * n0 - start };
-        sums.add::<T, U>(voxels, rows, units, totals);
+        let rows = Rows { first: line % n1 * s1 + line / n1 * s2, stride: s0, lines: count, position: line * n0 - start };
+        sums.add(voxels, rows, &unit, totals);
         line += count;
     }
 }
@@ -97,7 +142,7 @@ impl<W: Word> Lines<W> {
     }
 
     #[inline(always)]
-    fn add<T: Voxel, U: Units<T, Word = W>>(&mut self, voxels: &[T], rows: Rows, units: U, totals: &mut [u64]) {
+    fn add<T: Voxel>(&mut self, voxels: &[T], rows: Rows, unit: &impl Fn(T) -> W, totals: &mut [u64]) {
         let n0 = self.ends.len() - 1;
         let sums = &mut self.sums[..rows.lines];
         for line in 0..rows.lines {
@@ -106,8 +151,12 @@ impl<W: Word> Lines<W> {
         }
         for row in 0..n0 {
             let values = &voxels[rows.first + row * rows.stride..][..sums.len()];
+            if row + 1 < n0 {
+                // It lies in other pages, where the processor does not expect it.
+                prefetch(&voxels[rows.first + (row + 1) * rows.stride..][..sums.len()]);
+            }
             for (sum, v) in sums.iter_mut().zip(values) {
-                *sum = sum.plus(units.units(*v));
+                *sum = sum.plus(unit(*v));
             }
             let mut ending = std::mem::replace(&mut self.ends[row + 1], NONE);
             while ending != NONE {

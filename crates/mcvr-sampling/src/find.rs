@@ -132,10 +132,8 @@ impl<L: Layout, T: Voxel, U: Units<T>> Locator<'_, L, T, U> {
         let mut positions = [0u32; crate::BLOCK];
         let mut resolved = true;
         let [Some(least), Some(most)] = [targets.first(), targets.last()] else { return resolved };
-        let (mut brick, _) = self.totals.find(*least);
-        let (last, _) = self.totals.find(*most);
-        turned.expect(targets.len(), brick, last - brick + 1);
-        let mut totals = self.totals.cursor(brick);
+        let (mut totals, mut brick) = self.totals.cursor_at(*least);
+        turned.expect(targets.len(), brick, totals.peek(*most) - brick + 1);
         // Bricks are looked for early, so that their voxels are on their way.
         let mut runs = [Run::default(); AHEAD];
         let (mut found, mut done, mut first, mut next) = (0, 0, 0, 0);

@@ -141,7 +141,7 @@ impl RunningTotals {
 
     /// Bytes held.
     pub(crate) fn bytes(&self) -> usize {
-        with_totals!(&self.totals, t => std::mem::size_of_val(&t[..])) + std::mem::size_of_val(&self.before[..])
+        with_totals!(&self.totals, t => size_of_val(&t[..])) + size_of_val(&self.before[..])
     }
 
     /// Sum of all bricks.
@@ -161,6 +161,15 @@ impl RunningTotals {
         let mut cursor = Cursor { of: self, group: 0, sums: [0; GROUP + 1] };
         cursor.load(brick / GROUP);
         cursor
+    }
+
+    /// For many bricks in rising order, from the one on that holds a target below the total; and that brick.
+    #[inline]
+    pub(crate) fn cursor_at(&self, target: u64) -> (Cursor<'_>, usize) {
+        let group = self.before.partition_point(|b| *b <= target).max(1) - 1;
+        let cursor = self.cursor(group * GROUP);
+        let brick = group * GROUP + cursor.sums.partition_point(|s| *s <= target).clamp(1, GROUP) - 1;
+        (cursor, brick)
     }
 }
 
@@ -231,6 +240,15 @@ impl Cursor<'_> {
             at = 0;
         }
         self.group * GROUP + forward(&self.sums, at, target)
+    }
+
+    /// The brick that holds a target below the total and not before the group; stays where it is.
+    #[inline]
+    pub(crate) fn peek(&self, target: u64) -> usize {
+        if target < self.sums[GROUP] {
+            return self.group * GROUP + self.sums.partition_point(|s| *s <= target).max(1) - 1;
+        }
+        self.of.find(target).0
     }
 
     #[inline(never)]
@@ -311,7 +329,10 @@ mod tests {
                     for from in [last, brick, brick / GROUP * GROUP, (brick / GROUP * GROUP).saturating_sub(1), 0] {
                         assert_eq!(running.cursor(last).seek(from, target), brick, "{kind:?} from {from}");
                     }
+                    assert_eq!(walking.peek(target), brick, "{kind:?} from {last}");
                     assert_eq!(walking.seek(last, target), brick, "{kind:?} from {last}");
+                    let (mut there, at) = running.cursor_at(target);
+                    assert_eq!((at, there.ends(at)[0]), (brick, before[brick]), "{kind:?}");
                     last = brick;
                 }
             }

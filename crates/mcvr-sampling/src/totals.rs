@@ -11,8 +11,16 @@ use crate::units::{Units, Word};
 use crate::unpack::prefetch;
 use mcvr_volume::vectorised;
 
-/// Lines that are summed side by side: their sums stay in the first cache.
-const LINES: usize = 4096;
+/// Lines that are summed side by side at most: sums of 16 and of 32 bits stay in the first cache.
+const LINES: usize = 8192;
+
+/// Lines whose sums are such words.
+fn lines<W>() -> usize {
+    if size_of::<W>() == 2 { LINES } else { LINES / 2 }
+}
+
+/// Lines below which a row is too short to ask for the next one early.
+const FEW: usize = 512;
 
 /// No line.
 const NONE: u32 = u32::MAX;
@@ -65,9 +73,21 @@ fn totals_body<T: Voxel, U: Units<T>>(nested: &Nested, first: usize, voxels: &[T
     part(start, whole * n0);
     part(beyond * n0, end);
     if U::BYTES {
-        add_lines(nested, voxels, [start, whole, beyond], totals, |v| u16::from(units.byte(v)));
+        add_lines(nested, voxels, [start, whole, beyond], totals, Bytes(units));
     } else {
-        add_lines(nested, voxels, [start, whole, beyond], totals, |v| units.units(v));
+        add_lines(nested, voxels, [start, whole, beyond], totals, units);
+    }
+}
+
+/// Weights of at most 255, summed in 16 bits: the 256 of a brick fit.
+#[derive(Clone, Copy)]
+struct Bytes<U>(U);
+
+impl<T: Voxel, U: Units<T>> Units<T> for Bytes<U> {
+    type Word = u16;
+    #[inline(always)]
+    fn units(self, stored: T) -> u16 {
+        u16::from(self.0.byte(stored))
     }
 }
 
@@ -96,22 +116,22 @@ fn sum_of_bytes<T: Voxel, U: Units<T>>(brick: &[T], units: U) -> u64 {
 
 /// Adds the lines from `whole` to `beyond` to the totals of bricks, which begin at the voxel `start` in order.
 #[inline(always)]
-fn add_lines<T: Voxel, W: Word>(
+fn add_lines<T: Voxel, U: Units<T>>(
     nested: &Nested,
     voxels: &[T],
     [start, whole, beyond]: [usize; 3],
     totals: &mut [u64],
-    unit: impl Fn(T) -> W,
+    units: U,
 ) {
     let ([n0, n1, _], [s0, s1, s2]) = (nested.extents(), nested.strides());
-    let mut sums = Lines::new(n0);
+    let mut sums = Lines::<U::Word>::new(n0);
     let mut line = whole;
     while line < beyond {
         // Lines follow each other in memory up to the end of the middle axis, and beyond it where that is the whole plane.
         let side_by_side = if s2 == n1 * s1 { beyond - line } else { n1 - line % n1 };
-        let count = side_by_side.min(beyond - line).min(LINES);
+        let count = side_by_side.min(beyond - line).min(lines::<U::Word>());
         let rows = Rows { first: line % n1 * s1 + line / n1 * s2, stride: s0, lines: count, position: line * n0 - start };
-        sums.add(voxels, rows, &unit, totals);
+        sums.add(voxels, rows, units, totals);
         line += count;
     }
 }
@@ -138,11 +158,11 @@ struct Lines<W> {
 
 impl<W: Word> Lines<W> {
     fn new(rows: usize) -> Self {
-        Self { sums: vec![W::default(); LINES], ends: vec![NONE; rows + 1], next: vec![NONE; LINES] }
+        Self { sums: vec![W::default(); lines::<W>()], ends: vec![NONE; rows + 1], next: vec![NONE; lines::<W>()] }
     }
 
     #[inline(always)]
-    fn add<T: Voxel>(&mut self, voxels: &[T], rows: Rows, unit: &impl Fn(T) -> W, totals: &mut [u64]) {
+    fn add<T: Voxel, U: Units<T, Word = W>>(&mut self, voxels: &[T], rows: Rows, units: U, totals: &mut [u64]) {
         let n0 = self.ends.len() - 1;
         let sums = &mut self.sums[..rows.lines];
         for line in 0..rows.lines {
@@ -151,12 +171,12 @@ impl<W: Word> Lines<W> {
         }
         for row in 0..n0 {
             let values = &voxels[rows.first + row * rows.stride..][..sums.len()];
-            if row + 1 < n0 {
+            if size_of::<W>() <= 4 && rows.lines >= FEW && row + 1 < n0 {
                 // It lies in other pages, where the processor does not expect it.
                 prefetch(&voxels[rows.first + (row + 1) * rows.stride..][..sums.len()]);
             }
             for (sum, v) in sums.iter_mut().zip(values) {
-                *sum = sum.plus(unit(*v));
+                *sum = sum.plus(units.units(*v));
             }
             let mut ending = std::mem::replace(&mut self.ends[row + 1], NONE);
             while ending != NONE {

@@ -7,7 +7,7 @@ use mcvr_volume::Voxel;
 
 use crate::order::{BRICK, Nested};
 use crate::units::{Units, Word};
-use mcvr_volume::vectorised;
+use mcvr_volume::{SimdLevel, vectorised};
 
 /// Entries of a row of running sums that are added up together.
 const ROW: usize = 16;
@@ -184,36 +184,79 @@ mod sse {
     square!(words, 8, _mm_unpacklo_epi16, _mm_unpackhi_epi16);
 }
 
+/// Writes the inclusive running sums of up to 256 voxels; the rest of the sums is the total.
+#[inline]
+pub(crate) fn running<T: Voxel, U: Units<T>>(level: SimdLevel, voxels: &[T], units: U, sums: &mut [U::Word; BRICK]) {
+    weigh::<T, U>(level, voxels, units, sums);
+    #[cfg(target_arch = "x86_64")]
+    if level == SimdLevel::Avx512
+        && let Some(sums) = (sums as &mut dyn std::any::Any).downcast_mut::<[u32; BRICK]>()
+    {
+        // SAFETY: the level is only ever chosen on processors with AVX-512 F, BW, DQ and VL.
+        unsafe { add_up_avx512(sums) };
+        return;
+    }
+    add_up::<U::Word>(level, sums);
+}
+
 vectorised! {
-    /// Writes the inclusive running sums of up to 256 voxels; the rest of the sums is the total.
-    pub(crate) fn running<T: Voxel, U: Units<T>>(voxels: &[T], units: U, sums: &mut [U::Word; BRICK]) = running_body::<T, U>
+    fn weigh<T: Voxel, U: Units<T>>(voxels: &[T], units: U, weights: &mut [U::Word; BRICK]) = weigh_body::<T, U>
 }
 
 #[inline(always)]
-fn running_body<T: Voxel, U: Units<T>>(voxels: &[T], units: U, sums: &mut [U::Word; BRICK]) {
+fn weigh_body<T: Voxel, U: Units<T>>(voxels: &[T], units: U, weights: &mut [U::Word; BRICK]) {
     if let Some(voxels) = voxels.first_chunk::<BRICK>() {
-        for (sum, v) in sums.iter_mut().zip(voxels) {
-            *sum = units.units(*v);
+        for (weight, v) in weights.iter_mut().zip(voxels) {
+            *weight = units.units(*v);
         }
     } else {
-        let (used, rest) = sums.split_at_mut(voxels.len());
-        for (sum, v) in used.iter_mut().zip(voxels) {
-            *sum = units.units(*v);
+        let (used, rest) = weights.split_at_mut(voxels.len());
+        for (weight, v) in used.iter_mut().zip(voxels) {
+            *weight = units.units(*v);
         }
         rest.fill(U::Word::default());
     }
+}
+
+vectorised! {
+    fn add_up<W: Word>(sums: &mut [W; BRICK]) = add_up_body::<W>
+}
+
+#[inline(always)]
+fn add_up_body<W: Word>(sums: &mut [W; BRICK]) {
     // Within rows by steps that double, which run side by side; then each row takes the total of those before it.
-    let mut before = U::Word::default();
+    let mut before = W::default();
     for row in sums.as_chunks_mut::<ROW>().0 {
-        scan::<U::Word, 1>(row);
-        scan::<U::Word, 2>(row);
-        scan::<U::Word, 4>(row);
-        scan::<U::Word, 8>(row);
+        scan::<W, 1>(row);
+        scan::<W, 2>(row);
+        scan::<W, 4>(row);
+        scan::<W, 8>(row);
         let own = row[ROW - 1];
         for sum in row.iter_mut() {
             *sum = sum.plus(before);
         }
         before = before.plus(own);
+    }
+}
+
+/// [`add_up_body`] with a row a register; what waits from row to row is one addition.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,popcnt,avx512f,avx512bw,avx512dq,avx512vl")]
+fn add_up_avx512(sums: &mut [u32; BRICK]) {
+    use std::arch::x86_64::*;
+    let none = _mm512_setzero_si512();
+    let last = _mm512_set1_epi32(ROW as i32 - 1);
+    let mut before = none;
+    for row in sums.as_chunks_mut::<ROW>().0 {
+        // SAFETY: 16 words of 32 bits are read from an array of 16.
+        let mut v = unsafe { _mm512_loadu_si512(row.as_ptr().cast()) };
+        v = _mm512_add_epi32(v, _mm512_alignr_epi32::<15>(v, none));
+        v = _mm512_add_epi32(v, _mm512_alignr_epi32::<14>(v, none));
+        v = _mm512_add_epi32(v, _mm512_alignr_epi32::<12>(v, none));
+        v = _mm512_add_epi32(v, _mm512_alignr_epi32::<8>(v, none));
+        // SAFETY: 16 words of 32 bits are written to an array of 16.
+        unsafe { _mm512_storeu_si512(row.as_mut_ptr().cast(), _mm512_add_epi32(v, before)) };
+        before = _mm512_add_epi32(before, _mm512_permutexvar_epi32(last, v));
     }
 }
 
@@ -243,7 +286,6 @@ pub(crate) fn prefetch<T>(voxels: &[T]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::SimdLevel;
     use crate::order::Layout;
     use crate::units::TableUnits;
 

@@ -40,7 +40,7 @@ macro_rules! sums {
                     }
                 }
                 for (count, lanes) in [(&mut not_above, a), (&mut not_below, b)] {
-                    let lanes: [$t; $lanes] = bytemuck::must_cast(lanes);
+                    let lanes: [$t; $lanes] = bytemuck::cast(lanes);
                     for lane in lanes {
                         *count += u64::from(lane);
                     }
@@ -48,11 +48,11 @@ macro_rules! sums {
             }
             let voxels = (rows.len() * $lanes) as u64;
             let total = |sums: __m256i| {
-                let [a, b, c, d]: [u64; 4] = bytemuck::must_cast(sums);
+                let [a, b, c, d]: [u64; 4] = bytemuck::cast(sums);
                 a + b + c + d
             };
             let (largest, smallest): ([$t; $lanes], [$t; $lanes]) =
-                (bytemuck::must_cast(largest), bytemuck::must_cast(smallest));
+                (bytemuck::cast(largest), bytemuck::cast(smallest));
             let sums = Sums {
                 positive: total(positive),
                 negative: total(negative),

@@ -8,8 +8,9 @@ use crate::engine::Counters;
 use crate::locate::{BrickSums, find_all};
 use crate::order::{Layout, with_layout};
 use crate::running_totals::RunningTotals;
-use crate::units::{Units, Word, with_units};
+use crate::units::{Units, with_units};
 use crate::unpack::Turned;
+use crate::word::Word;
 use crate::{Distribution, Search, SimdLevel};
 
 /// Voxel coordinates of a block's targets.
@@ -121,13 +122,7 @@ impl<L: Layout, T: Voxel, U: Units<T>> Locator<'_, L, T, U> {
     }
 
     /// Rising targets: every brick that holds some is decoded once. Says whether all places are coordinates already.
-    fn walk(
-        &self,
-        targets: &[u64],
-        places: &mut [Vec<u32>; 3],
-        turned: &mut Turned,
-        counters: &mut Counters,
-    ) -> bool {
+    fn walk(&self, targets: &[u64], places: &mut [Vec<u32>; 3], turned: &mut Turned, counters: &mut Counters) -> bool {
         let mut sums = BrickSums::new();
         let mut positions = [0u32; crate::BLOCK];
         let mut resolved = true;

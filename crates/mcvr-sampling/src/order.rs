@@ -9,8 +9,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::dense::Lines;
 use crate::hilbert::{Hilbert, unpack};
-use crate::units::{Units, Word};
+use crate::units::Units;
 use crate::unpack::{Turned, prefetch, running};
+use crate::word::Word;
 use crate::{SamplingError, SimdLevel, totals};
 use mcvr_volume::vectorised;
 

@@ -4,7 +4,8 @@ use mcvr_volume::with_voxels;
 
 use crate::Distribution;
 use crate::order::{BRICK, Layout, with_layout};
-use crate::units::{Word, with_units};
+use crate::units::with_units;
+use crate::word::Word;
 
 impl Distribution<'_> {
     /// Visits every voxel that can be drawn, in order: its first target and its integer weight. Targets of one voxel follow

@@ -10,8 +10,23 @@ use rayon::prelude::*;
 
 use crate::SamplingError;
 
+/// Runs an expression with `$totals` bound to the totals in their own type.
+macro_rules! with_totals {
+    ($any:expr, $totals:ident => $body:expr) => {
+        match $any {
+            Totals::U16($totals) => $body,
+            Totals::U32($totals) => $body,
+            Totals::U64($totals) => $body,
+        }
+    };
+}
+
+mod cursor;
+
+pub(crate) use cursor::Cursor;
+
 /// Bricks of a group.
-pub(crate) const GROUP: usize = 64;
+const GROUP: usize = 64;
 
 /// The type that totals of bricks are kept in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,17 +94,6 @@ macro_rules! total {
 
 total!(u16, u32, u64);
 
-/// Runs an expression with `$totals` bound to the totals in their own type.
-macro_rules! with_totals {
-    ($any:expr, $totals:ident => $body:expr) => {
-        match $any {
-            Totals::U16($totals) => $body,
-            Totals::U32($totals) => $body,
-            Totals::U64($totals) => $body,
-        }
-    };
-}
-
 /// Totals of bricks and the sum of all bricks before each.
 #[derive(Clone, Debug)]
 pub(crate) struct RunningTotals {
@@ -127,7 +131,8 @@ impl RunningTotals {
             TotalType::U32 => Totals::U32(zeros(bricks)?),
             TotalType::U64 => Totals::U64(zeros(bricks)?),
         };
-        let made = with_totals!(&mut totals, totals => fill(totals, &mut before, at_once.next_multiple_of(GROUP), make));
+        let made =
+            with_totals!(&mut totals, totals => fill(totals, &mut before, at_once.next_multiple_of(GROUP), make));
         let mut sum = 0u64;
         for b in &mut before {
             let next = sum.checked_add(*b).filter(|s| *s < 1 << 63);
@@ -158,17 +163,14 @@ impl RunningTotals {
 
     /// For many bricks in rising order, from one on.
     pub(crate) fn cursor(&self, brick: usize) -> Cursor<'_> {
-        let mut cursor = Cursor { of: self, group: 0, sums: [0; GROUP + 1] };
-        cursor.load(brick / GROUP);
-        cursor
+        Cursor::new(self, brick / GROUP)
     }
 
     /// For many bricks in rising order, from the one on that holds a target below the total; and that brick.
     #[inline]
     pub(crate) fn cursor_at(&self, target: u64) -> (Cursor<'_>, usize) {
-        let group = self.before.partition_point(|b| *b <= target).max(1) - 1;
-        let cursor = self.cursor(group * GROUP);
-        let brick = group * GROUP + cursor.sums.partition_point(|s| *s <= target).clamp(1, GROUP) - 1;
+        let cursor = Cursor::new(self, self.before.partition_point(|b| *b <= target).max(1) - 1);
+        let brick = cursor.peek(target);
         (cursor, brick)
     }
 }
@@ -208,87 +210,6 @@ fn find_in<N: Total>(totals: &[N], before: u64, target: u64) -> (usize, u64) {
         sum = end;
     }
     (totals.len().saturating_sub(1), sum)
-}
-
-/// The running sums of one group at a time.
-pub(crate) struct Cursor<'a> {
-    of: &'a RunningTotals,
-    group: usize,
-    /// The sum before each brick of the group, and behind the last.
-    sums: [u64; GROUP + 1],
-}
-
-impl Cursor<'_> {
-    /// The sum before a brick, and behind it.
-    #[inline(always)]
-    pub(crate) fn ends(&mut self, brick: usize) -> [u64; 2] {
-        if brick / GROUP != self.group {
-            self.load(brick / GROUP);
-        }
-        [self.sums[brick % GROUP], self.sums[brick % GROUP + 1]]
-    }
-
-    /// The brick that holds a target below the total, searched forward from a brick at or before it.
-    #[inline(always)]
-    pub(crate) fn seek(&mut self, from: usize, target: u64) -> usize {
-        if from / GROUP != self.group {
-            self.load(from / GROUP);
-        }
-        let mut at = from % GROUP;
-        if target >= self.sums[GROUP] {
-            self.load(forward(&self.of.before, self.group, target));
-            at = 0;
-        }
-        self.group * GROUP + forward(&self.sums, at, target)
-    }
-
-    /// The brick that holds a target below the total and not before the group; stays where it is.
-    #[inline]
-    pub(crate) fn peek(&self, target: u64) -> usize {
-        if target < self.sums[GROUP] {
-            return self.group * GROUP + self.sums.partition_point(|s| *s <= target).max(1) - 1;
-        }
-        self.of.find(target).0
-    }
-
-    #[inline(never)]
-    fn load(&mut self, group: usize) {
-        self.group = group;
-        let mut sum = self.of.before[group];
-        self.sums[0] = sum;
-        with_totals!(&self.of.totals, totals => {
-            let totals = &totals[group * GROUP..];
-            let totals = &totals[..totals.len().min(GROUP)];
-            let (used, rest) = self.sums[1..].split_at_mut(totals.len());
-            for (s, total) in used.iter_mut().zip(totals) {
-                sum += total.wide();
-                *s = sum;
-            }
-            // Where the last group has fewer bricks.
-            rest.fill(sum);
-        });
-    }
-}
-
-/// The last entry of rising sums that is not greater than a target, but for the last of all; searched forward from one that is
-/// not greater: a few steps one by one, then doubling.
-#[inline(always)]
-fn forward(sums: &[u64], from: usize, target: u64) -> usize {
-    let mut at = from;
-    for _ in 0..4 {
-        if target < sums[at + 1] {
-            return at;
-        }
-        at += 1;
-    }
-    let mut step = 8;
-    let mut low = at;
-    while low + step + 1 < sums.len() && sums[low + step] <= target {
-        low += step;
-        step *= 2;
-    }
-    let high = (low + step + 1).min(sums.len());
-    low + sums[low..high].partition_point(|s| *s <= target) - 1
 }
 
 #[cfg(test)]
@@ -348,7 +269,11 @@ mod tests {
             check(&(0..bricks as u64).map(|i| mix(i) >> 33).collect::<Vec<_>>());
             check(&(0..bricks as u64).map(|i| mix(i) >> 12).collect::<Vec<_>>());
             // Bricks that are empty or out of sight, runs of them longer than a group, and whole volumes but for one brick.
-            check(&(0..bricks as u64).map(|i| if mix(i) % 9 == 0 { 1 + mix(i) % 70_000 } else { 0 }).collect::<Vec<_>>());
+            check(
+                &(0..bricks as u64)
+                    .map(|i| if mix(i).is_multiple_of(9) { 1 + mix(i) % 70_000 } else { 0 })
+                    .collect::<Vec<_>>(),
+            );
             check(&(0..bricks).map(|i| u64::from(i % 200 == 63) * 9).collect::<Vec<_>>());
             check(&(0..bricks).map(|i| u64::from(i + 1 == bricks) * (1 << 61)).collect::<Vec<_>>());
             check(&(0..bricks).map(|i| u64::from(i == 0) * u64::from(u32::MAX)).collect::<Vec<_>>());

@@ -7,8 +7,9 @@
 use mcvr_volume::Voxel;
 
 use crate::order::{BRICK, Nested};
-use crate::units::{Units, Word};
+use crate::units::Units;
 use crate::unpack::prefetch;
+use crate::word::Word;
 use mcvr_volume::vectorised;
 
 /// Lines that are summed side by side at most: sums of 16 and of 32 bits stay in the first cache.
@@ -130,7 +131,8 @@ fn add_lines<T: Voxel, U: Units<T>>(
         // Lines follow each other in memory up to the end of the middle axis, and beyond it where that is the whole plane.
         let side_by_side = if s2 == n1 * s1 { beyond - line } else { n1 - line % n1 };
         let count = side_by_side.min(beyond - line).min(lines::<U::Word>());
-        let rows = Rows { first: line % n1 * s1 + line / n1 * s2, stride: s0, lines: count, position: line * n0 - start };
+        let rows =
+            Rows { first: line % n1 * s1 + line / n1 * s2, stride: s0, lines: count, position: line * n0 - start };
         sums.add(voxels, rows, units, totals);
         line += count;
     }

@@ -13,61 +13,10 @@ use mcvr_volume::Voxel;
 
 use crate::order::BRICK;
 use crate::running_totals::TotalType;
+use crate::word::Word;
 
 /// Largest integer weight for which 256 of them surely sum below 2^31 (vector code compares as `i32`).
 const SMALL: f64 = (1 << 23) as f64 - 1.0;
-
-/// An integer type for running sums within a brick.
-pub(crate) trait Word: Copy + Default + Ord + Send + Sync + 'static {
-    fn from_u64(v: u64) -> Self;
-    fn to_u64(self) -> u64;
-    fn plus(self, other: Self) -> Self;
-}
-
-impl Word for u16 {
-    #[inline(always)]
-    fn from_u64(v: u64) -> Self {
-        v as u16
-    }
-    #[inline(always)]
-    fn to_u64(self) -> u64 {
-        u64::from(self)
-    }
-    #[inline(always)]
-    fn plus(self, other: Self) -> Self {
-        self.wrapping_add(other)
-    }
-}
-
-impl Word for u32 {
-    #[inline(always)]
-    fn from_u64(v: u64) -> Self {
-        v as u32
-    }
-    #[inline(always)]
-    fn to_u64(self) -> u64 {
-        u64::from(self)
-    }
-    #[inline(always)]
-    fn plus(self, other: Self) -> Self {
-        self.wrapping_add(other)
-    }
-}
-
-impl Word for u64 {
-    #[inline(always)]
-    fn from_u64(v: u64) -> Self {
-        v
-    }
-    #[inline(always)]
-    fn to_u64(self) -> u64 {
-        self
-    }
-    #[inline(always)]
-    fn plus(self, other: Self) -> Self {
-        self.wrapping_add(other)
-    }
-}
 
 /// Integer weight of a stored voxel.
 pub(crate) trait Units<T>: Copy + Send + Sync {

@@ -6,7 +6,8 @@
 use mcvr_volume::Voxel;
 
 use crate::order::{BRICK, Nested};
-use crate::units::{Units, Word};
+use crate::units::Units;
+use crate::word::Word;
 use mcvr_volume::{SimdLevel, vectorised};
 
 /// Entries of a row of running sums that are added up together.

@@ -29,8 +29,7 @@ pub struct Options {
     json: Option<PathBuf>,
 }
 
-const USAGE: &str =
-    "give [--max 1024] [--types u8,u16,i16,f32] [--repeats 5] [--memory file|heap] [--folder DIR] [--markdown FILE] [--json FILE]";
+const USAGE: &str = "give [--max 1024] [--types u8,u16,i16,f32] [--repeats 5] [--memory file|heap] [--folder DIR] [--markdown FILE] [--json FILE]";
 
 impl Options {
     fn read() -> Outcome<Self> {

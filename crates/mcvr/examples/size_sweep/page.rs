@@ -91,7 +91,12 @@ pub fn page(rows: &[Value]) -> String {
     table(&mut out, rows, &head, |m| {
         let rate = number(&m["read"]["bytes"]) / number(&m["read"]["seconds"]["cpu"]);
         let mut cells = vec![format!("{:.1}", rate * 1e-9)];
-        for pass in ["density, identity", "distribution, identity, raster", "distribution, identity, y", "distribution, identity, z"] {
+        for pass in [
+            "density, identity",
+            "distribution, identity, raster",
+            "distribution, identity, y",
+            "distribution, identity, z",
+        ] {
             let share = number(&m["bytes"]) / number(&m[pass]["cpu"]) / rate;
             cells.push(format!("{:.0} %", 100.0 * share));
         }
@@ -114,12 +119,25 @@ pub fn page(rows: &[Value]) -> String {
         cells
     });
     out += "## Memory, MiB\n\n";
-    let head = ["volume", "mapped", "distribution", "share", "own: before", "density", "distribution z", "image 2^24 z", "march", "of files"];
+    let head = [
+        "volume",
+        "mapped",
+        "distribution",
+        "share",
+        "own: before",
+        "density",
+        "distribution z",
+        "image 2^24 z",
+        "march",
+        "of files",
+    ];
     table(&mut out, rows, &head, |m| {
         let share = number(&m["distribution bytes"]) / number(&m["bytes"]);
         let place = if m["mapped"] == true { "yes" } else { "no" };
-        let mut cells = vec![mib(&m["bytes"]), place.into(), mib(&m["distribution bytes"]), format!("{:.2} %", 100.0 * share)];
-        let own = ["own, before", "own, density", "own, distribution, z", "own, image, 2^24, z", "own, march", "of files"];
+        let mut cells =
+            vec![mib(&m["bytes"]), place.into(), mib(&m["distribution bytes"]), format!("{:.2} %", 100.0 * share)];
+        let own =
+            ["own, before", "own, density", "own, distribution, z", "own, image, 2^24, z", "own, march", "of files"];
         cells.extend(own.map(|phase| mib(&m[phase])));
         cells
     });

@@ -51,8 +51,7 @@ macro_rules! sums {
                 let [a, b, c, d]: [u64; 4] = bytemuck::cast(sums);
                 a + b + c + d
             };
-            let (largest, smallest): ([$t; $lanes], [$t; $lanes]) =
-                (bytemuck::cast(largest), bytemuck::cast(smallest));
+            let (largest, smallest): ([$t; $lanes], [$t; $lanes]) = (bytemuck::cast(largest), bytemuck::cast(smallest));
             let sums = Sums {
                 positive: total(positive),
                 negative: total(negative),

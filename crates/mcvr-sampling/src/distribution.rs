@@ -34,8 +34,8 @@ pub struct DistributionCounters {
 /// Voxels to be drawn with probability proportional to their weight.
 ///
 /// The voxels follow each other in a [`VoxelOrder`], cut into bricks of 256. A brick keeps the exact total of its integer
-/// weights in as few bytes as hold it, and each 64th the sum before it: 0.8 % of a volume of 8- or 16-bit voxels under the
-/// identity map and of 32-bit floats under any. Maps whose integer weights are wider take 1.6 % or 3.1 % of 8-bit and 0.8 % or
+/// weights in as few bytes as hold it, and each 32nd the sum before it: 0.9 % of a volume of 8- or 16-bit voxels under the
+/// identity map and of 32-bit floats under any. Maps whose integer weights are wider take 1.7 % or 3.2 % of 8-bit and 0.8 % or
 /// 1.6 % of 16-bit voxels. Sums inside a brick are made when a sample falls into it.
 #[derive(Clone, Debug)]
 pub struct Distribution<'a> {

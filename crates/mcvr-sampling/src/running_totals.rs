@@ -26,7 +26,7 @@ mod cursor;
 pub(crate) use cursor::Cursor;
 
 /// Bricks of a group.
-const GROUP: usize = 64;
+const GROUP: usize = 32;
 
 /// The type that totals of bricks are kept in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -10,7 +10,7 @@ use crate::order::{BRICK, Nested};
 use crate::units::Units;
 use crate::unpack::prefetch;
 use crate::word::Word;
-use mcvr_volume::vectorised;
+use mcvr_volume::{SimdLevel, vectorised};
 
 /// Lines that are summed side by side at most: sums of 16 and of 32 bits stay in the first cache.
 const LINES: usize = 8192;
@@ -31,15 +31,33 @@ pub(crate) fn bricks_at_once(nested: &Nested) -> usize {
     (LINES * nested.extents()[0]).div_ceil(BRICK).clamp(256, 1 << 20)
 }
 
+/// Writes the totals of the bricks from `first` on.
+pub(crate) fn totals<T: Voxel, U: Units<T>>(
+    level: SimdLevel,
+    nested: &Nested,
+    first: usize,
+    voxels: &[T],
+    units: U,
+    totals: &mut [u64],
+) {
+    at_level::<T, U>(level, nested, first, voxels, units, totals, level);
+}
+
 vectorised! {
-    /// Writes the totals of the bricks from `first` on.
-    pub(crate) fn totals<T: Voxel, U: Units<T>>(
-        nested: &Nested, first: usize, voxels: &[T], units: U, totals: &mut [u64],
+    fn at_level<T: Voxel, U: Units<T>>(
+        nested: &Nested, first: usize, voxels: &[T], units: U, totals: &mut [u64], same: SimdLevel,
     ) = totals_body::<T, U>
 }
 
 #[inline(always)]
-fn totals_body<T: Voxel, U: Units<T>>(nested: &Nested, first: usize, voxels: &[T], units: U, totals: &mut [u64]) {
+fn totals_body<T: Voxel, U: Units<T>>(
+    nested: &Nested,
+    first: usize,
+    voxels: &[T],
+    units: U,
+    totals: &mut [u64],
+    level: SimdLevel,
+) {
     let start = first * BRICK;
     let end = (start + totals.len() * BRICK).min(voxels.len());
     if nested.axes()[0] == 0 {
@@ -74,9 +92,9 @@ fn totals_body<T: Voxel, U: Units<T>>(nested: &Nested, first: usize, voxels: &[T
     part(start, whole * n0);
     part(beyond * n0, end);
     if U::BYTES {
-        add_lines(nested, voxels, [start, whole, beyond], totals, Bytes(units));
+        add_lines(level, nested, voxels, [start, whole, beyond], totals, Bytes(units));
     } else {
-        add_lines(nested, voxels, [start, whole, beyond], totals, units);
+        add_lines(level, nested, voxels, [start, whole, beyond], totals, units);
     }
 }
 
@@ -118,6 +136,7 @@ fn sum_of_bytes<T: Voxel, U: Units<T>>(brick: &[T], units: U) -> u64 {
 /// Adds the lines from `whole` to `beyond` to the totals of bricks, which begin at the voxel `start` in order.
 #[inline(always)]
 fn add_lines<T: Voxel, U: Units<T>>(
+    level: SimdLevel,
     nested: &Nested,
     voxels: &[T],
     [start, whole, beyond]: [usize; 3],
@@ -133,8 +152,20 @@ fn add_lines<T: Voxel, U: Units<T>>(
         let count = side_by_side.min(beyond - line).min(lines::<U::Word>());
         let rows =
             Rows { first: line % n1 * s1 + line / n1 * s2, stride: s0, lines: count, position: line * n0 - start };
-        sums.add(voxels, rows, units, totals);
+        sums.add::<T, U>(level, voxels, rows, units, totals);
         line += count;
+    }
+}
+
+vectorised! {
+    /// Adds a row of voxels to the sums of their lines.
+    fn add_row<T: Voxel, U: Units<T>>(values: &[T], units: U, sums: &mut [U::Word]) = add_row_body::<T, U>
+}
+
+#[inline(always)]
+fn add_row_body<T: Voxel, U: Units<T>>(values: &[T], units: U, sums: &mut [U::Word]) {
+    for (sum, v) in sums.iter_mut().zip(values) {
+        *sum = sum.plus(units.units(*v));
     }
 }
 
@@ -164,7 +195,14 @@ impl<W: Word> Lines<W> {
     }
 
     #[inline(always)]
-    fn add<T: Voxel, U: Units<T, Word = W>>(&mut self, voxels: &[T], rows: Rows, units: U, totals: &mut [u64]) {
+    fn add<T: Voxel, U: Units<T, Word = W>>(
+        &mut self,
+        level: SimdLevel,
+        voxels: &[T],
+        rows: Rows,
+        units: U,
+        totals: &mut [u64],
+    ) {
         let n0 = self.ends.len() - 1;
         let sums = &mut self.sums[..rows.lines];
         for line in 0..rows.lines {
@@ -177,8 +215,11 @@ impl<W: Word> Lines<W> {
                 // It lies in other pages, where the processor does not expect it.
                 prefetch(&voxels[rows.first + (row + 1) * rows.stride..][..sums.len()]);
             }
-            for (sum, v) in sums.iter_mut().zip(values) {
-                *sum = sum.plus(units.units(*v));
+            if size_of::<W>() == 2 {
+                add_row_body(values, units, sums);
+            } else {
+                // Loops with a table want the registers for themselves.
+                add_row::<T, U>(level, values, units, sums);
             }
             let mut ending = std::mem::replace(&mut self.ends[row + 1], NONE);
             while ending != NONE {
@@ -198,7 +239,6 @@ impl<W: Word> Lines<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::SimdLevel;
     use crate::order::Layout;
     use crate::units::TableUnits;
 

@@ -6,7 +6,7 @@ use rand_pcg::Pcg64Dxsm;
 use serde::Serialize;
 
 use crate::average::{self, Bends, Rays};
-use crate::packet::{Along, Cast, Lines, Look, Packets, Strip, TILE};
+use crate::packet::{Along, Cast, Job, Lines, Look, Packets, Strip, TILE};
 use crate::points::Points;
 use crate::{Counters, RaycastError};
 
@@ -26,8 +26,8 @@ pub struct Pilot {
     pub bend: f64,
     /// The same of the second order (fourth differences).
     pub bend_twice: f64,
-    /// What averaging over the pixels leaves, where it was looked at: not where blocks of pixels can share a ray.
-    pub left: Option<f64>,
+    /// What averaging over the pixels leaves.
+    pub left: f64,
     /// By how much a pixel differs from what its neighbours at one and three pixels tell of it, along a line, and those at one and two.
     pub halves: [f64; 2],
     /// Distance of a comb's samples in units of the smallest voxel spacing, and the error that a comb leaves along the rays.
@@ -41,9 +41,6 @@ pub struct Pilot {
 }
 
 impl Pilot {
-    /// Distances of the combs that are tried.
-    pub const DISTANCES: [f64; 7] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0];
-
     /// By what factor averaging over pixels lowers the errors of combs with `side` by `side` rays a pixel less than with one.
     pub fn noise(side: u32) -> f64 {
         average::noise(Rays::Grid(side)) / average::noise(Rays::Grid(1))
@@ -54,8 +51,8 @@ impl Pilot {
         average::noise(Rays::Block(side)) / average::noise(Rays::Grid(1))
     }
 
-    /// Looks at two lines of pixels in up to `tiles` tiles of the image of `tent`, chosen at random by `seed`; `None` where rays are not cast in packets. Combs
-    /// are tried from the widest on until one leaves an error of at most `enough`. The same numbers for any number of threads.
+    /// Looks at two lines of pixels in up to `tiles` tiles of the image of `tent`, chosen at random by `seed`; `None` where rays are not cast in packets. Errors
+    /// far below `enough` are of no interest. The same numbers for any number of threads.
     ///
     /// # Errors
     /// [`RaycastError::Cancelled`] when `watch` said so.
@@ -98,67 +95,59 @@ impl Look for Sight {
         chosen.sort_unstable();
         let strip = |(n, of): (usize, usize)| Strip { tile: from[of], upright: n % 2 == 1 };
         let chosen: Vec<Strip> = chosen.into_iter().enumerate().map(strip).collect();
-        let points = |phase: bool| Points::new(1, false, phase, seed);
-        let (exact, exact_work) = cast(Along::Exact, &points(false), &chosen);
-        let mut counters = exact_work;
-        let values = |strips: &[Lines]| strips.iter().flatten().flatten().copied().collect::<Vec<f64>>();
-        let truth = values(&exact);
-        let number = truth.len().max(1) as f64;
+        let points = |by: f64| {
+            let one = || Points::new(1, false, false, seed);
+            [one().moved([by, 0.0]), one().moved([0.0, by])]
+        };
+        let comb = |distance: f64| {
+            let one = || Points::new(1, false, true, seed);
+            Job { along: Along::Comb(distance * spacing), points: [one(), one()] }
+        };
+        let exact = |by: f64| Job { along: Along::Exact, points: points(by) };
+        // The ways that are wanted for sure go strip by strip; those that turn out to be wanted go over the strips once more.
+        let (few, many) =
+            if enough > 0.01 { (&[4.0, 8.0, 16.0][..], &[1.0, 2.0][..]) } else { (&[1.0, 2.0, 4.0, 8.0][..], &[][..]) };
+        let mut jobs: Vec<Job> = [0.0, -1.0 / 3.0, 1.0 / 3.0].map(exact).into();
+        jobs.extend(few.iter().map(|d| comb(*d)));
+        let (lines, work) = cast(&jobs, &chosen);
+        let number = (2 * TILE * lines.len()).max(1) as f64;
+        let values = |job: usize| lines.iter().flat_map(move |s| s[job].iter().flatten());
         // From a mean over the tiles looked at to one over the image: the others are dark.
         let share = ((full.len() * TILE * TILE) as f64 / pixels as f64).min(1.0);
-        let mean = share * truth.iter().sum::<f64>() / number;
+        let mean = share * values(0).sum::<f64>() / number;
         let rms = |square: f64| (share * square).sqrt() / mean;
-        let mut steps = 0.0;
-        let mut combs = vec![];
-        // Combs with only a few samples a ray are no candidates.
-        let widest = exact_work.cells as f64 / exact_work.rays.max(1) as f64 / 8.0;
-        for distance in Pilot::DISTANCES.into_iter().rev().filter(|d| *d <= widest.max(2.0)) {
-            let (comb, work) = cast(Along::Comb(distance * spacing), &points(true), &chosen);
-            counters += work;
-            steps = work.evaluations as f64 * distance;
-            let square = values(&comb).iter().zip(&truth).map(|(c, e)| (c - e) * (c - e)).sum::<f64>() / number;
-            let error = average::noise(Rays::Grid(1)) * rms(square);
-            combs.push((distance, error));
-            if error <= enough {
-                break;
-            }
+        let error = |lines: &[Vec<Lines>], job: usize| {
+            let pairs = lines.iter().flat_map(|s| s[job].iter().flatten()).zip(values(0));
+            average::noise(Rays::Grid(1)) * rms(pairs.map(|(c, e)| (c - e) * (c - e)).sum::<f64>() / number)
+        };
+        let exact_work = work[0];
+        let mut counters = Counters::default();
+        work.iter().for_each(|w| counters += *w);
+        let mut steps = work[3].evaluations as f64 * few[0];
+        let mut combs: Vec<(f64, f64)> = few.iter().enumerate().map(|(n, d)| (*d, error(&lines, n + 3))).collect();
+        if combs[0].1 > enough && !many.is_empty() {
+            let jobs: Vec<Job> = many.iter().map(|d| comb(*d)).collect();
+            let (lines, work) = cast(&jobs, &chosen);
+            work.iter().for_each(|w| counters += *w);
+            steps = work[0].evaluations as f64 * many[0];
+            let finer = many.iter().enumerate().map(|(n, d)| (*d, error(&lines, n)));
+            combs.splice(0..0, finer);
         }
-        combs.reverse();
         // Terms of both axes add up; each was looked at along half of the lines.
-        let mut bends = Bends::default();
-        for line in exact.iter().flatten() {
-            let b = Bends::of(line);
-            let lines = 2.0 * exact.len() as f64;
-            for n in 0..2 {
-                bends.terms[n] += 2.0 * b.terms[n] / lines;
-                bends.halves[n] += b.halves[n] / lines;
+        let (mut bends, mut left) = (Bends::default(), 0.0);
+        let share_of_line = 1.0 / (2 * lines.len()).max(1) as f64;
+        for strip in &lines {
+            for line in 0..2 {
+                let b = Bends::of(&strip[0][line]);
+                for n in 0..2 {
+                    bends.terms[n] += 2.0 * b.terms[n] * share_of_line;
+                    bends.halves[n] += b.halves[n] * share_of_line;
+                }
+                left += 2.0 * share_of_line * average::left([&strip[1][line], &strip[0][line], &strip[2][line]]);
             }
         }
         let [bend, bend_twice] = bends.terms.map(rms);
-        let halves = bends.halves.map(rms);
-        let left = (halves[0] > enough).then(|| {
-            let mut sides = [[0.0; 2]; 2];
-            // Strips across and upright, moved along their lines.
-            for upright in [false, true] {
-                let some: Vec<(usize, Strip)> =
-                    chosen.iter().copied().enumerate().filter(|(_, s)| s.upright == upright).collect();
-                let strips: Vec<Strip> = some.iter().map(|(_, s)| *s).collect();
-                let [before, after] = [-1.0, 1.0].map(|side: f64| {
-                    let by = if upright { [0.0, side / 3.0] } else { [side / 3.0, 0.0] };
-                    let (values, work) = cast(Along::Exact, &points(false).moved(by), &strips);
-                    counters += work;
-                    values
-                });
-                for (n, (at, _)) in some.iter().enumerate() {
-                    for line in 0..2 {
-                        sides[usize::from(upright)][0] +=
-                            average::left([&before[n][line], &exact[*at][line], &after[n][line]]);
-                        sides[usize::from(upright)][1] += 1.0;
-                    }
-                }
-            }
-            rms(sides.iter().map(|[sum, lines]| sum / f64::max(*lines, 1.0)).sum())
-        });
+        let (halves, left) = (bends.halves.map(rms), rms(left));
         let rays = exact_work.rays.max(1) as f64;
         Pilot {
             tiles: full.len() as u64,

@@ -26,8 +26,8 @@ pub struct Pilot {
     pub bend: f64,
     /// The same of the second order (fourth differences).
     pub bend_twice: f64,
-    /// What averaging over the pixels leaves.
-    pub left: f64,
+    /// What averaging over the pixels leaves, where that was looked at: not where blocks of pixels can share a ray.
+    pub left: Option<f64>,
     /// By how much a pixel differs from what its neighbours at one and three pixels tell of it, along a line, and those at one and two.
     pub halves: [f64; 2],
     /// Distance of a comb's samples in units of the smallest voxel spacing, and the error that a comb leaves along the rays.
@@ -105,49 +105,60 @@ impl Look for Sight {
         };
         let exact = |by: f64| Job { along: Along::Exact, points: points(by) };
         // The ways that are wanted for sure go strip by strip; those that turn out to be wanted go over the strips once more.
-        let (few, many) =
-            if enough > 0.01 { (&[4.0, 8.0, 16.0][..], &[1.0, 2.0][..]) } else { (&[1.0, 2.0, 4.0, 8.0][..], &[][..]) };
-        let mut jobs: Vec<Job> = [0.0, -1.0 / 3.0, 1.0 / 3.0].map(exact).into();
+        let quick = enough > 0.01;
+        let few = if quick { &[4.0, 8.0, 16.0][..] } else { &[1.0, 2.0, 4.0, 8.0][..] };
+        let sides = || [-1.0 / 3.0, 1.0 / 3.0].map(exact);
+        let mut jobs: Vec<Job> = vec![exact(0.0)];
         jobs.extend(few.iter().map(|d| comb(*d)));
+        if !quick {
+            jobs.extend(sides());
+        }
         let (lines, work) = cast(&jobs, &chosen);
-        let number = (2 * TILE * lines.len()).max(1) as f64;
-        let values = |job: usize| lines.iter().flat_map(move |s| s[job].iter().flatten());
-        // From a mean over the tiles looked at to one over the image: the others are dark.
-        let share = ((full.len() * TILE * TILE) as f64 / pixels as f64).min(1.0);
-        let mean = share * values(0).sum::<f64>() / number;
-        let rms = |square: f64| (share * square).sqrt() / mean;
-        let error = |lines: &[Vec<Lines>], job: usize| {
-            let pairs = lines.iter().flat_map(|s| s[job].iter().flatten()).zip(values(0));
-            average::noise(Rays::Grid(1)) * rms(pairs.map(|(c, e)| (c - e) * (c - e)).sum::<f64>() / number)
-        };
-        let exact_work = work[0];
         let mut counters = Counters::default();
         work.iter().for_each(|w| counters += *w);
-        let mut steps = work[3].evaluations as f64 * few[0];
-        let mut combs: Vec<(f64, f64)> = few.iter().enumerate().map(|(n, d)| (*d, error(&lines, n + 3))).collect();
-        if combs[0].1 > enough && !many.is_empty() {
-            let jobs: Vec<Job> = many.iter().map(|d| comb(*d)).collect();
-            let (lines, work) = cast(&jobs, &chosen);
-            work.iter().for_each(|w| counters += *w);
-            steps = work[0].evaluations as f64 * many[0];
-            let finer = many.iter().enumerate().map(|(n, d)| (*d, error(&lines, n)));
-            combs.splice(0..0, finer);
-        }
+        let (exact_work, mut steps) = (work[0], work[1].evaluations as f64 * few[0]);
+        let number = (2 * TILE * lines.len()).max(1) as f64;
+        let truth = || lines.iter().flat_map(|s| s[0].iter().flatten());
+        // From a mean over the tiles looked at to one over the image: the others are dark.
+        let share = ((full.len() * TILE * TILE) as f64 / pixels as f64).min(1.0);
+        let mean = share * truth().sum::<f64>() / number;
+        let rms = |square: f64| (share * square).sqrt() / mean;
+        let error = |lines: &[Vec<Lines>], job: usize| {
+            let pairs = lines.iter().flat_map(|s| s[job].iter().flatten()).zip(truth());
+            average::noise(Rays::Grid(1)) * rms(pairs.map(|(c, e)| (c - e) * (c - e)).sum::<f64>() / number)
+        };
+        let mut combs: Vec<(f64, f64)> = few.iter().enumerate().map(|(n, d)| (*d, error(&lines, n + 1))).collect();
         // Terms of both axes add up; each was looked at along half of the lines.
-        let (mut bends, mut left) = (Bends::default(), 0.0);
         let share_of_line = 1.0 / (2 * lines.len()).max(1) as f64;
-        for strip in &lines {
-            for line in 0..2 {
-                let b = Bends::of(&strip[0][line]);
-                for n in 0..2 {
-                    bends.terms[n] += 2.0 * b.terms[n] * share_of_line;
-                    bends.halves[n] += b.halves[n] * share_of_line;
-                }
-                left += 2.0 * share_of_line * average::left([&strip[1][line], &strip[0][line], &strip[2][line]]);
+        let mut bends = Bends::default();
+        for line in lines.iter().flat_map(|s| s[0]) {
+            let b = Bends::of(&line);
+            for n in 0..2 {
+                bends.terms[n] += 2.0 * b.terms[n] * share_of_line;
+                bends.halves[n] += b.halves[n] * share_of_line;
             }
         }
         let [bend, bend_twice] = bends.terms.map(rms);
-        let (halves, left) = (bends.halves.map(rms), rms(left));
+        let halves = bends.halves.map(rms);
+        let left_by = |sides: &[Vec<Lines>], first: usize| {
+            let all = lines.iter().zip(sides).flat_map(|(s, sides)| {
+                [0, 1].map(|line: usize| average::left([&sides[first][line], &s[0][line], &sides[first + 1][line]]))
+            });
+            rms(2.0 * share_of_line * all.sum::<f64>())
+        };
+        let mut left = None;
+        if !quick {
+            left = Some(left_by(&lines, few.len() + 1));
+        } else if halves[0] > enough || combs[0].1 > enough {
+            let finer = [1.0, 2.0];
+            let mut jobs: Vec<Job> = sides().into();
+            jobs.extend(finer.map(comb));
+            let (more, work) = cast(&jobs, &chosen);
+            work.iter().for_each(|w| counters += *w);
+            steps = work[2].evaluations as f64 * finer[0];
+            combs.splice(0..0, finer.iter().enumerate().map(|(n, d)| (*d, error(&more, n + 2))));
+            left = Some(left_by(&more, 0));
+        }
         let rays = exact_work.rays.max(1) as f64;
         Pilot {
             tiles: full.len() as u64,

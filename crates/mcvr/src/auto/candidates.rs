@@ -70,9 +70,11 @@ pub(super) fn candidates(volume: &Volume, pixels: u64, pilot: Option<&Pilot>, er
             add((pixels as f64 / blocks).ceil() as u64, rays / blocks, area, Pilot::noise_of_block(side));
         }
     }
+    // Where blocks would do, what averaging leaves was not looked at: it is less than what they leave.
+    let left = pilot.left.unwrap_or_else(|| of_block(pilot, 2));
     for side in 1..=SIDES {
         let n = f64::from(side);
-        let area = pilot.left * n.powf(-AREA);
+        let area = left * n.powf(-AREA);
         if area > wanted && side < SIDES {
             continue;
         }

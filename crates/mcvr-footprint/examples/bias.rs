@@ -57,7 +57,7 @@ fn measured(name: &str, density: &Density, view: &View, extent: Extent, refine: 
             "{name:<34} {size:>6.2} px a voxel, parts {refine:?}: error {:.4} % (own {:.4}, predicted {:.4}); {:.3} ms, {:.2} ns a \
              footprint of {}; {:?}",
             100.0 * error(&made.image, &truth.image),
-            100.0 * truth.rel_rmse_estimate,
+            100.0 * truth.error.rel_rmse_estimate,
             100.0 * predicted_error(density, &camera, &options),
             1e3 * least,
             1e9 * least / made.counters.footprints as f64,

@@ -41,13 +41,23 @@ pub struct LookFootprints {
 }
 
 /// Largest margin.
-const MARGIN: usize = 24;
+pub(crate) const MARGIN: usize = 24;
 
 /// Bytes that the threads' own images may take in all, where one does not take more.
 const PRIVATE: usize = 1 << 30;
 
 /// Footprints worth an image of sums of one's own.
 const WORTH_A_THREAD: u64 = 1 << 14;
+
+/// Bytes of an image of sums.
+pub(crate) fn image_bytes(width: usize, height: usize) -> usize {
+    8 * width * height
+}
+
+/// Most images of sums at a time.
+pub(crate) fn workers(width: usize, height: usize) -> usize {
+    rayon::current_num_threads().min(PRIVATE / image_bytes(width, height)).max(1)
+}
 
 /// Makes the image by footprints. The same image, bit for bit, for any number of threads and any vector instructions: amounts are added
 /// as whole numbers. Every thread at work holds an image of sums of 8 bytes a pixel; there are fewer of them where those would take
@@ -159,8 +169,7 @@ impl Scene<'_> {
         let taps = taps(self.parts);
         let bricks = Bricks::new(density.occupancy());
         let work = density.report().positive.saturating_mul(taps.len() as u64);
-        let workers = rayon::current_num_threads().min(PRIVATE / (8 * width * height)).max(1);
-        let workers = workers.min((work / WORTH_A_THREAD) as usize + 1);
+        let workers = workers(width, height).min((work / WORTH_A_THREAD) as usize + 1);
         let done = AtomicU64::new(0);
         let made: Vec<(Vec<i64>, Counters)> = with_voxels!(density.volume().voxels(), v => {
             let source = Source::new(density, &v[..], scale.units);

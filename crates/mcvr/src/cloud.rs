@@ -22,7 +22,11 @@ pub fn draw_cloud(
     let Request { method, seed, order, .. } = *request;
     let refuse = |problem: String| Err(MakeError::Sampling(SamplingError::Cloud(problem)));
     if !method.samples_volume() {
-        let why = if method == Method::Auto { "may cast rays" } else { "casts rays" };
+        let why = match method {
+            Method::Auto => "may cast rays",
+            Method::Footprint => "adds whole voxels",
+            _ => "casts rays",
+        };
         return refuse(format!("{method} {why} and draws no points; use qmc, stratified or mc"));
     }
     if order == VoxelOrder::Depth {

@@ -24,6 +24,8 @@ pub enum Contestant {
     Rays,
     /// Combs of samples this many voxels apart; the budget counts rays.
     Comb(f64),
+    /// Footprints of all voxels; the budget is 1 and plays no part.
+    Footprint,
     /// Whatever the program chooses; the budget is 1 over the error asked for.
     Auto,
     /// Exact ray casting; the budget is 1 over the tolerance.
@@ -43,7 +45,7 @@ pub struct Timed<'a> {
 }
 
 impl Contestant {
-    /// Stable name: `mc`, `qmc`, `qmc-cloud`, `march`, `march-0p5`, `rays`, `comb-4`, `auto`, `exact`.
+    /// Stable name: `mc`, `qmc`, `qmc-cloud`, `march`, `march-0p5`, `rays`, `comb-4`, `footprint`, `auto`, `exact`.
     pub fn name(self) -> String {
         match self {
             Contestant::Sampler(method) => method.name().to_owned(),
@@ -52,6 +54,7 @@ impl Contestant {
             Contestant::March(step) => format!("march-{}", step.to_string().replace('.', "p")),
             Contestant::Rays => "rays".to_owned(),
             Contestant::Comb(step) => format!("comb-{}", step.to_string().replace('.', "p")),
+            Contestant::Footprint => Method::Footprint.name().to_owned(),
             Contestant::Auto => "auto".to_owned(),
             Contestant::Exact => "exact".to_owned(),
         }
@@ -65,6 +68,7 @@ impl Contestant {
             Contestant::March(step) => format!("ray march, {step}-voxel step"),
             Contestant::Rays => Method::Rays.label().to_owned(),
             Contestant::Comb(step) => format!("comb, {step} voxels apart"),
+            Contestant::Footprint => Method::Footprint.label().to_owned(),
             Contestant::Auto => Method::Auto.label().to_owned(),
             Contestant::Exact => Method::Exact.label().to_owned(),
         }
@@ -137,9 +141,12 @@ impl mcvr_harness::Method for Timed<'_> {
         match self.contestant {
             Contestant::Sampler(method) => method.expected_slope(),
             Contestant::Cloud => Method::Qmc.expected_slope(),
-            Contestant::March(_) | Contestant::Rays | Contestant::Comb(_) | Contestant::Auto | Contestant::Exact => {
-                None
-            }
+            Contestant::March(_)
+            | Contestant::Rays
+            | Contestant::Comb(_)
+            | Contestant::Footprint
+            | Contestant::Auto
+            | Contestant::Exact => None,
         }
     }
 
@@ -150,6 +157,7 @@ impl mcvr_harness::Method for Timed<'_> {
             Contestant::March(step) => self.image(&Request { method: Method::March, step, ..request }),
             Contestant::Rays => self.image(&Request { method: Method::Rays, ..request }),
             Contestant::Comb(step) => self.image(&Request { method: Method::Comb, step, ..request }),
+            Contestant::Footprint => self.image(&Request { method: Method::Footprint, ..request }),
             Contestant::Auto => self.image(&Request { method: Method::Auto, error: 1.0 / samples as f64, ..request }),
             Contestant::Exact => {
                 self.image(&Request { method: Method::Exact, tolerance: 1.0 / samples as f64, ..request })
@@ -162,6 +170,7 @@ impl mcvr_harness::Method for Timed<'_> {
         match self.contestant {
             Contestant::Sampler(_) | Contestant::Cloud => "samples",
             Contestant::March(_) | Contestant::Rays | Contestant::Comb(_) => "rays",
+            Contestant::Footprint => "images",
             Contestant::Auto => "1/error",
             Contestant::Exact => "1/tolerance",
         }

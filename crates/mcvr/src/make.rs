@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::time::Instant;
 
+use mcvr_footprint::{FootprintError, FootprintOptions, footprints_with_look};
 use mcvr_harness::PhaseSeconds;
 use mcvr_mc::{OrderStatistics, Quicksorted, Stratified, Unsorted};
 use mcvr_qmc::{Scramble, SobolNet};
@@ -53,7 +54,7 @@ pub struct Request {
     /// By which method.
     pub method: Method,
     /// Samples `M`; for [`Method::March`] rays in all: the largest square number a pixel that they pay for is
-    /// cast, at least one.
+    /// cast, at least one. [`Method::Footprint`] and [`Method::Exact`] do not look at it.
     pub samples: u64,
     /// Key of all randomness.
     pub seed: u64,
@@ -110,7 +111,7 @@ pub struct Made {
     pub mass: mcvr_scene::MassReport,
     /// Share of the mass that the camera's near plane cut, as the samples have it; 0 for ray casting.
     pub clipped: f64,
-    /// Samples drawn or rays cast.
+    /// Samples drawn, rays cast or footprints added.
     pub samples: u64,
     /// Exact work counters, by method.
     pub counters: Value,
@@ -146,6 +147,9 @@ pub enum MakeError {
     /// Ray casting failed.
     #[error(transparent)]
     Raycast(#[from] RaycastError),
+    /// Footprints failed.
+    #[error(transparent)]
+    Footprint(#[from] FootprintError),
     /// Refinement failed.
     #[error(transparent)]
     Refine(#[from] RefineError),
@@ -158,6 +162,7 @@ impl MakeError {
             self,
             Self::Sampling(SamplingError::Cancelled)
                 | Self::Raycast(RaycastError::Cancelled)
+                | Self::Footprint(FootprintError::Cancelled)
                 | Self::Refine(RefineError::Sampling(SamplingError::Cancelled))
         )
     }
@@ -318,7 +323,7 @@ pub(crate) fn check(request: &Request) -> Result<(), MakeError> {
     Ok(())
 }
 
-/// The points of a sampling method; ray-casting methods have none and stand for `mc`.
+/// The points of a sampling method; the others have none and stand for `mc`.
 pub(crate) fn point_stream(request: &Request, total: u64) -> Box<dyn PointStream> {
     let Request { method, samples, seed, .. } = *request;
     match method {
@@ -327,9 +332,13 @@ pub(crate) fn point_stream(request: &Request, total: u64) -> Box<dyn PointStream
         Method::McLinear => Box::new(Unsorted::linear(samples, seed)),
         Method::Stratified => Box::new(Stratified::new(samples, seed)),
         Method::Qmc => Box::new(SobolNet::new(samples, seed, request.scramble)),
-        Method::Mc | Method::March | Method::Rays | Method::Comb | Method::Exact | Method::Auto => {
-            Box::new(OrderStatistics::new(samples, seed))
-        }
+        Method::Mc
+        | Method::March
+        | Method::Rays
+        | Method::Comb
+        | Method::Footprint
+        | Method::Exact
+        | Method::Auto => Box::new(OrderStatistics::new(samples, seed)),
     }
 }
 
@@ -346,6 +355,22 @@ fn cast(
     let mass = *density.report();
     let distribution = start.elapsed().as_secs_f64();
     let phases = |projection| PhaseSeconds { distribution, sampling: 0.0, projection, complete: 0.0 };
+    if request.method == Method::Footprint {
+        let options = FootprintOptions { kernel, estimand, ..FootprintOptions::default() };
+        let made = footprints_with_look(density, camera, &look, &options, watch)?;
+        let (image, colour) = channels(made.channels);
+        return Ok(Made {
+            image,
+            colour,
+            seconds: phases(made.seconds),
+            mass,
+            clipped: 0.0,
+            samples: made.counters.footprints,
+            counters: json!({ "footprint": made.counters }),
+            error: None,
+            choice: None,
+        });
+    }
     if request.method != Method::Exact {
         let rays_per_pixel = rays_per_pixel(request.samples, camera, request.jitter);
         let average = request.method != Method::March && !request.jitter && look.is_plain();
@@ -397,7 +422,7 @@ fn cast(
 fn channels(mut channels: Vec<Image>) -> (Image, Option<[Image; 3]>) {
     match <[Image; 3]>::try_from(std::mem::take(&mut channels)) {
         Ok(colour) => (Image::mean_of(&colour), Some(colour)),
-        // Ray casters give one channel or three.
+        // Ray casters and footprints give one channel or three.
         Err(mut one) => (one.swap_remove(0), None),
     }
 }

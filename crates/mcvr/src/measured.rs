@@ -43,7 +43,7 @@ impl mcvr_harness::Method for Measured<'_> {
     }
 
     fn budget_unit(&self) -> &'static str {
-        if self.request.method.casts_rays() { "rays" } else { "samples" }
+        self.request.method.unit()
     }
 
     /// What casts rays takes a square number of rays a pixel and takes part only where doubling the budget has bought

@@ -1,5 +1,6 @@
 //! The methods by name.
 
+use mcvr_scene::Kernel;
 use serde::{Deserialize, Serialize};
 
 /// A way to make an image.
@@ -25,6 +26,8 @@ pub enum Method {
     Rays,
     /// Rays with samples at wide equal distances, each from a random start of its own; the budget counts rays.
     Comb,
+    /// The projected tents of all voxels, added up: no noise, a small bias; the budget plays no part.
+    Footprint,
     /// Whichever of the others is expected to reach the error asked for soonest.
     Auto,
     /// Ray casting, exact along each ray, each pixel's area to a tolerance; the budget plays no part.
@@ -33,7 +36,7 @@ pub enum Method {
 
 impl Method {
     /// Every method.
-    pub const ALL: [Method; 11] = [
+    pub const ALL: [Method; 12] = [
         Method::Mc,
         Method::McQuicksort,
         Method::McBinary,
@@ -43,6 +46,7 @@ impl Method {
         Method::March,
         Method::Rays,
         Method::Comb,
+        Method::Footprint,
         Method::Exact,
         Method::Auto,
     ];
@@ -65,6 +69,7 @@ impl Method {
             Method::March => "march",
             Method::Rays => "rays",
             Method::Comb => "comb",
+            Method::Footprint => "footprint",
             Method::Auto => "auto",
             Method::Exact => "exact",
         }
@@ -82,6 +87,7 @@ impl Method {
             Method::March => "ray march, 1-voxel step",
             Method::Rays => "rays, exact in depth",
             Method::Comb => "comb of samples in depth",
+            Method::Footprint => "footprints of all voxels",
             Method::Auto => "chosen by the program",
             Method::Exact => "ray casting, exact",
         }
@@ -94,13 +100,30 @@ impl Method {
         match self {
             Method::Mc | Method::McQuicksort | Method::McBinary | Method::McLinear | Method::Stratified => Some(-0.5),
             Method::Qmc => Some(-2.0 / 3.0),
-            Method::March | Method::Rays | Method::Comb | Method::Exact | Method::Auto => None,
+            Method::March | Method::Rays | Method::Comb | Method::Footprint | Method::Exact | Method::Auto => None,
         }
     }
 
     /// True for methods that draw samples of the volume.
     pub fn samples_volume(self) -> bool {
-        !self.casts_rays() && self != Method::Auto
+        !self.casts_rays() && !matches!(self, Method::Footprint | Method::Auto)
+    }
+
+    /// What its work is counted in: samples, rays or footprints.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Method::Footprint => "footprints",
+            _ if self.samples_volume() => "samples",
+            _ => "rays",
+        }
+    }
+
+    /// Whether it can make images of a kernel.
+    pub fn knows(self, kernel: Kernel) -> bool {
+        match self {
+            Method::Footprint => kernel == Kernel::Tent,
+            _ => self.samples_volume() || kernel != Kernel::Shell,
+        }
     }
 
     /// True for methods that cast rays.

@@ -74,8 +74,7 @@ pub fn cases() -> Result<Vec<Case>, BenchError> {
     let combinations = || Kernel::ALL.into_iter().flat_map(|k| Estimand::ALL.map(move |e| (k, e)));
     let sampled = [Method::Mc, Method::Stratified, Method::Qmc, Method::March];
     for method in [Method::Exact].into_iter().chain(Method::ALL.into_iter().filter(|m| *m != Method::Exact)) {
-        let known = |kernel: Kernel| method.samples_volume() || SEPARABLE.contains(&kernel);
-        for (kernel, estimand) in combinations().filter(|c| known(c.0)) {
+        for (kernel, estimand) in combinations().filter(|c| method.knows(c.0)) {
             add(method.name(), with(method, kernel, estimand), "plain");
         }
         for effect in effects.iter().filter(|_| method == Method::Exact || sampled.contains(&method)) {
@@ -218,7 +217,7 @@ mod tests {
         let names: std::collections::HashSet<&str> = cases.iter().map(|c| c.name.as_str()).collect();
         assert_eq!(names.len(), cases.len());
         for method in Method::ALL {
-            for kernel in Kernel::ALL.into_iter().filter(|k| method.samples_volume() || SEPARABLE.contains(k)) {
+            for kernel in Kernel::ALL.into_iter().filter(|k| method.knows(*k)) {
                 for estimand in Estimand::ALL {
                     assert!(names.contains(format!("{method}/{kernel}/{estimand}/plain").as_str()));
                 }

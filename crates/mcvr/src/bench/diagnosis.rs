@@ -33,6 +33,7 @@ pub(super) fn diagnose(
     match case.request.method {
         Method::Exact => return Ok(format!("{work}, {mean}: the truth itself changed")),
         Method::March => return Ok(format!("{work}, {mean}: a march has no seed; its arithmetic changed")),
+        Method::Footprint => return Ok(format!("{work}, {mean}: footprints have no seed; their arithmetic changed")),
         _ => {}
     }
     let scenery = studio.scenery(case);

@@ -8,7 +8,7 @@ fn percent(share: f64) -> String {
 }
 
 fn words(c: &Candidate) -> String {
-    let unit = if c.method.samples_volume() { "samples" } else { "rays" };
+    let unit = c.method.unit();
     let step = if c.step > 0.0 { format!(", {:.2} voxels apart", c.step) } else { String::new() };
     format!("{} with {} {unit}{step}", c.method, c.samples)
 }

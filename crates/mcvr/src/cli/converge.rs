@@ -91,6 +91,11 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
     if args.methods.contains(&Method::Exact) {
         bail!("--methods: exact is the truth that the others are measured against");
     }
+    if args.methods.contains(&Method::Footprint) {
+        bail!(
+            "--methods: footprint adds all voxels and has no budget to vary; `mcvr cost --methods footprint` measures its one image"
+        );
+    }
     if args.methods.contains(&Method::Auto) {
         bail!(
             "--methods: auto has no budget of its own to vary; `mcvr cost --methods auto` measures it error by error"

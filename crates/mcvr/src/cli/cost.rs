@@ -38,7 +38,7 @@ pub struct Args {
     #[arg(long, value_name = "LIST", value_delimiter = ',', help_heading = "Volume")]
     sizes: Vec<usize>,
     /// Methods: mc, mc-quicksort, mc-binary, mc-linear, stratified, qmc, cloud (kept points, projected), rays, comb, march,
-    /// auto (whatever is chosen for each error), exact
+    /// footprint (tent without effects), auto (whatever is chosen for each error), exact
     #[arg(
         long,
         value_name = "LIST",
@@ -94,6 +94,7 @@ enum Entry {
     Cloud,
     Rays,
     Comb,
+    Footprint,
     March,
     Auto,
     Exact,
@@ -105,6 +106,7 @@ fn entry(text: &str) -> Result<Entry, String> {
         "march" => Ok(Entry::March),
         "rays" => Ok(Entry::Rays),
         "comb" => Ok(Entry::Comb),
+        "footprint" => Ok(Entry::Footprint),
         "auto" => Ok(Entry::Auto),
         "exact" => Ok(Entry::Exact),
         other => other.parse().map(Entry::Sampler).map_err(|e| format!("{e}, cloud")),
@@ -227,6 +229,12 @@ fn subject_setup(args: &Args, volume: &VolumeArgs) -> anyhow::Result<Setup> {
     if !setup.scenery.effects.is_plain() && args.methods.contains(&Entry::Cloud) {
         bail!("--methods: a cloud holds positions only and shows the plain X-ray; leave out cloud, or the effects");
     }
+    if args.methods.contains(&Entry::Footprint) {
+        let plain = setup.scenery.effects.is_plain();
+        if !plain || !Method::Footprint.knows(setup.request.kernel) {
+            bail!("--methods: footprint makes plain X-rays of kernel tent; leave out footprint, or the effects and --kernel");
+        }
+    }
     let size = truth_size(&setup)?;
     process::check_memory(40 * size.pixels() as u64, &format!("comparing images of {size} pixels"))?;
     Ok(setup)
@@ -271,6 +279,7 @@ fn contestants(args: &Args) -> Vec<Contestant> {
             Entry::Cloud => vec![Contestant::Cloud],
             Entry::Exact => vec![Contestant::Exact],
             Entry::Rays => vec![Contestant::Rays],
+            Entry::Footprint => vec![Contestant::Footprint],
             Entry::Auto => vec![Contestant::Auto],
             Entry::Comb => args.combs.iter().map(|&s| Contestant::Comb(s)).collect(),
             Entry::March => args.steps.iter().map(|&s| Contestant::March(s)).collect(),
@@ -286,6 +295,7 @@ fn ladder(args: &Args, contestant: Contestant, samples: &[u64], pixels: u64) -> 
         }
         Contestant::March(_) => [1, 4, 9, 16].iter().map(|rays| rays * pixels).collect(),
         Contestant::Rays | Contestant::Comb(_) => [1, 4, 9].iter().map(|rays| rays * pixels).collect(),
+        Contestant::Footprint => vec![1],
         Contestant::Auto => args.targets.iter().map(|percent| (100.0 / percent).round() as u64).collect(),
         Contestant::Exact => args.tolerances.iter().map(|t| (1.0 / t).round() as u64).collect(),
     };

@@ -136,7 +136,7 @@ fn one(args: &Args, setup: &Setup, film: &Film, quiet: bool) -> anyhow::Result<P
     let mut plan = plan(scenery, request, film)?;
     let drawn = args.draw && request.method.samples_volume();
     if args.draw && !drawn && !quiet {
-        say!("mcvr: note: --draw: {} casts rays and draws no points; its ranges stay", request.method);
+        say!("mcvr: note: --draw: {} draws no points; its ranges stay", request.method);
     }
     if drawn {
         watched(setup, quiet, "drawing", |watch| plan.draw(scenery, request, watch))?;
@@ -162,7 +162,7 @@ fn watched<T>(
 ) -> anyhow::Result<T> {
     let cancel = progress::interrupt_flag();
     let total = match setup.request.method {
-        _ if setup.request.method.casts_rays() => setup.scenery.camera.extent().height as u64,
+        m if !m.samples_volume() => setup.scenery.camera.extent().height as u64,
         _ => setup.request.samples,
     };
     let bar = progress::bar(total, quiet);

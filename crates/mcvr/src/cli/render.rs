@@ -238,9 +238,7 @@ fn labelled(path: &Path, label: &str) -> PathBuf {
 fn render(setup: &Setup, density: &mut Option<Density>, quiet: bool) -> anyhow::Result<Made> {
     let cancel = progress::interrupt_flag();
     let total = match setup.request.method {
-        _ if setup.request.method == Method::Auto || setup.request.method.casts_rays() => {
-            setup.scenery.camera.extent().height as u64
-        }
+        m if !m.samples_volume() => setup.scenery.camera.extent().height as u64,
         _ => setup.request.samples,
     };
     let bar = progress::bar(total, quiet);
@@ -367,7 +365,7 @@ fn summarise(setup: &Setup, made: &Made, outputs: &[PathBuf]) {
     let s = &made.seconds;
     let names: Vec<String> = outputs.iter().map(|p| p.display().to_string()).collect();
     let method = made.choice.as_ref().map_or(setup.request.method, |c| c.chosen.method);
-    let unit = if method.samples_volume() { "samples" } else { "rays" };
+    let unit = method.unit();
     say!(
         "{}: {} {} {unit}, kernel {}, estimand {} ({}), seed {}",
         names.join(", "),

@@ -1,5 +1,6 @@
 //! The plan of a whole scene.
 
+use mcvr_footprint::{FootprintError, FootprintOptions};
 use mcvr_scene::film::Film;
 use mcvr_scene::{Extent, Look, Watch};
 use serde_json::json;
@@ -34,7 +35,9 @@ pub fn plan(scenery: &Scenery, request: &Request, film: &Film) -> Result<Plan, M
         holds: weight_bytes(scenery),
         work: vec![],
     });
-    if request.method.samples_volume() {
+    if request.method == Method::Footprint {
+        passes.push(footprint(scenery, request, &look)?);
+    } else if request.method.samples_volume() {
         sampled(scenery, request, &look, &mut passes, &mut left_out)?;
     } else {
         cast(scenery, request, &look, &mut passes);
@@ -114,9 +117,34 @@ fn cast(scenery: &Scenery, request: &Request, look: &Look, passes: &mut Vec<Pass
     });
 }
 
+/// The pass of an image made of footprints: which voxels have weight, only the voxels say.
+fn footprint(scenery: &Scenery, request: &Request, look: &Look) -> Result<Pass, MakeError> {
+    if !look.is_plain() {
+        return Err(FootprintError::Effects.into());
+    }
+    let grid = scenery.volume.grid();
+    let Request { kernel, estimand, .. } = *request;
+    let options = FootprintOptions { kernel, estimand, ..FootprintOptions::default() };
+    options.check(grid)?;
+    let voxels = grid.len() as u64;
+    let most = voxels.saturating_mul(mcvr_footprint::footprints_of_a_voxel(grid, &options));
+    let pixels = scenery.camera.extent().pixels() as u64;
+    Ok(Pass {
+        name: "footprints",
+        why: format!("sampling.method = {}", request.method),
+        reads: "voxels of occupied bricks".to_owned(),
+        holds: 8 * pixels * look.channels() as u64 + mcvr_footprint::sums_bytes(&scenery.camera),
+        work: vec![
+            Forecast::between("footprint.voxels_visited", 0, voxels),
+            Forecast::between("footprint.footprints", 0, most),
+            Forecast::from("footprint.pixels_touched", 0),
+        ],
+    })
+}
+
 impl Plan {
-    /// Draws the points, as a plain count without the effects, and so turns the ranges that depend on the draws into numbers. Ray
-    /// casting has no draws; its plan stays as it is.
+    /// Draws the points, as a plain count without the effects, and so turns the ranges that depend on the draws into numbers. Rays and
+    /// footprints have no draws; their plans stay as they are.
     ///
     /// # Errors
     /// As [`make`](crate::make()).

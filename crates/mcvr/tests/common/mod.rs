@@ -95,7 +95,7 @@ pub fn stream(method: Method, samples: u64, seed: u64, total: u64) -> Box<dyn Po
         Method::McLinear => Box::new(mcvr::mc::Unsorted::linear(samples, seed)),
         Method::Stratified => Box::new(mcvr::mc::Stratified::new(samples, seed)),
         Method::Qmc => Box::new(mcvr::qmc::SobolNet::new(samples, seed, mcvr::qmc::Scramble::default())),
-        Method::March | Method::Rays | Method::Comb | Method::Auto | Method::Exact => {
+        Method::March | Method::Rays | Method::Comb | Method::Footprint | Method::Auto | Method::Exact => {
             panic!("{method} draws no samples")
         }
     }

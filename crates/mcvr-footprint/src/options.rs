@@ -1,0 +1,46 @@
+//! How footprints are made.
+
+use mcvr_scene::{Estimand, Kernel};
+use mcvr_volume::{Grid, SimdLevel};
+
+use crate::FootprintError;
+
+/// How to add footprints.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FootprintOptions {
+    /// How weights are spread: `tent` only.
+    pub kernel: Kernel,
+    /// What a pixel means (METHOD section 2).
+    pub estimand: Estimand,
+    /// Parts of a voxel along each axis; `None` for as many as make the parts about cubic, 1 for a cubic grid. A tent is a sum of
+    /// narrower tents exactly, `2 n - 1` of them along an axis, whose footprints err less, and all of which are added.
+    pub refine: Option<u32>,
+    /// Vector instructions; `None` for the best there are. All give the same bits.
+    pub level: Option<SimdLevel>,
+}
+
+impl FootprintOptions {
+    /// Largest `refine`.
+    pub const REFINE_LIMIT: u32 = 8;
+
+    /// Most voxels along an axis.
+    pub const EXTENT_LIMIT: usize = 1 << 24;
+
+    /// Refuses what cannot be made.
+    ///
+    /// # Errors
+    /// [`FootprintError::Kernel`], [`FootprintError::Refine`] or [`FootprintError::Extent`].
+    pub fn check(&self, grid: &Grid) -> Result<(), FootprintError> {
+        if self.kernel != Kernel::Tent {
+            return Err(FootprintError::Kernel(self.kernel));
+        }
+        if let Some(given) = self.refine.filter(|n| !(1..=Self::REFINE_LIMIT).contains(n)) {
+            return Err(FootprintError::Refine { given, limit: Self::REFINE_LIMIT });
+        }
+        let dims = grid.dims();
+        if dims.iter().any(|&n| n > Self::EXTENT_LIMIT) {
+            return Err(FootprintError::Extent { dims, limit: Self::EXTENT_LIMIT });
+        }
+        Ok(())
+    }
+}

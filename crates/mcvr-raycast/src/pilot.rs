@@ -1,7 +1,7 @@
 //! A look at a few tiles of an image, to know what errors rays would leave before they are cast.
 
 use mcvr_scene::{Camera, Density, Estimand, Extent, Watch};
-use rand::seq::index::sample;
+use rand::RngExt;
 use rand_pcg::Pcg64Dxsm;
 use serde::Serialize;
 
@@ -80,6 +80,11 @@ struct Sight {
     extent: Extent,
 }
 
+/// The bits of a number of up to 32 bits, every second one: of two of them a number along a Z-shaped curve through the plane is made.
+fn spread(v: usize) -> u64 {
+    (0..32).fold(0, |all, bit| all | ((v as u64 >> bit & 1) << (2 * bit)))
+}
+
 impl Look for Sight {
     type Out = Pilot;
 
@@ -90,10 +95,13 @@ impl Look for Sight {
         // Lines that the image's edge cuts would look bent; where all are cut, so be it.
         let whole: Vec<(usize, usize)> =
             full.iter().copied().filter(|t| (t.0 + 1) * TILE <= width && (t.1 + 1) * TILE <= height).collect();
-        let from = if whole.is_empty() { full } else { &whole };
-        let mut chosen: Vec<usize> = sample(&mut random, from.len(), tiles.min(from.len())).into_vec();
-        chosen.sort_unstable();
-        let strip = |(n, of): (usize, usize)| Strip { tile: from[of], upright: n % 2 == 1 };
+        let mut from = if whole.is_empty() { full.to_vec() } else { whole };
+        // One of each run of neighbours, so that no part of the image is left out.
+        from.sort_by_key(|(column, row)| spread(*column) | spread(*row) << 1);
+        let number = tiles.min(from.len());
+        let one = |n: usize| from[random.random_range(n * from.len() / number..(n + 1) * from.len() / number)];
+        let chosen: Vec<(usize, usize)> = (0..number).map(one).collect();
+        let strip = |(n, tile): (usize, (usize, usize))| Strip { tile, upright: n % 2 == 1 };
         let chosen: Vec<Strip> = chosen.into_iter().enumerate().map(strip).collect();
         let points = |by: f64| {
             let one = || Points::new(1, false, false, seed);

@@ -1,6 +1,9 @@
 //! Every way to an error that is worth a thought, with what it would take.
 
+use glam::DVec3;
+use mcvr_footprint::{FootprintOptions, footprints_in_all, predicted_error};
 use mcvr_raycast::Pilot;
+use mcvr_scene::{Camera, Density, Estimand, Occupancy};
 use mcvr_volume::Volume;
 
 use super::{Candidate, Costs};
@@ -8,7 +11,7 @@ use crate::Method;
 
 /// Predictions are held to this share of the error asked for: a pilot of some tens of tiles errs by about a sixth, and more where a
 /// few bright pixels carry the error.
-pub(super) const MARGIN: f64 = 0.7;
+pub(super) const MARGIN: f64 = 0.65;
 
 /// Most pixels along the side of a block that shares a ray: larger ones save little, and edges along them are foreseen worst.
 const BLOCKS: u32 = 3;
@@ -37,10 +40,18 @@ const AREA: f64 = 2.2;
 const NET: f64 = 0.62;
 
 /// Candidates that are expected to reach an error, and the most accurate ones where none does.
-pub(super) fn candidates(volume: &Volume, pixels: u64, pilot: Option<&Pilot>, error: f64) -> Vec<Candidate> {
+pub(super) fn candidates(
+    density: &Density,
+    camera: &Camera,
+    estimand: Estimand,
+    pilot: Option<&Pilot>,
+    error: f64,
+) -> Vec<Candidate> {
+    let (volume, pixels) = (density.volume(), camera.extent().pixels() as u64);
     let costs = Costs::of(volume);
     let mut all = vec![net(volume, pixels, &costs, error)];
     let Some(pilot) = pilot else { return all };
+    all.push(footprint(density, camera, estimand, &costs));
     let wanted = MARGIN * error;
     let rays = (pilot.tiles * 64).min(pixels) as f64;
     let fixed = volume.bytes() as f64 * costs.occupancy + pixels as f64 * costs.pixel;
@@ -117,6 +128,33 @@ fn widest(pilot: &Pilot, most: f64) -> Option<(f64, f64)> {
         break;
     }
     Some(best)
+}
+
+/// All voxels' footprints: no budget to choose, and an error that is what it is.
+fn footprint(density: &Density, camera: &Camera, estimand: Estimand, costs: &Costs) -> Candidate {
+    let options = FootprintOptions { estimand, ..FootprintOptions::default() };
+    let number = footprints_in_all(density, &options) as f64;
+    let visited = (density.occupancy().count() * Occupancy::SIDE.pow(3)) as f64;
+    // Pixels that a footprint in the middle of the volume meets: a tent is two voxels wide along each of its axes.
+    let grid = density.volume().grid();
+    let step = grid.index_to_world().matrix3;
+    let middle = camera.project(grid.centre());
+    let [width, height] = [0, 1].map(|axis: usize| {
+        let along = |v: DVec3| {
+            let end = camera.project(grid.centre() + v);
+            if axis == 0 { (end.0 - middle.0).abs() } else { (end.1 - middle.1).abs() }
+        };
+        2.0 * (along(step.x_axis) + along(step.y_axis) + along(step.z_axis)) + 1.0
+    });
+    let each = costs.footprint + costs.add * width * height;
+    let pixels = camera.extent().pixels() as f64 * costs.pixel;
+    Candidate {
+        method: Method::Footprint,
+        samples: number as u64,
+        step: 0.0,
+        error: predicted_error(density, camera, &options),
+        seconds: 1e-9 * (pixels + visited * costs.visit + number * each),
+    }
 }
 
 /// The Sobol net: a pixel's share of M samples errs by `(M / pixels)^-1/2` by chance, and by less in a net.

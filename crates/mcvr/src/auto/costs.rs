@@ -15,6 +15,11 @@ pub(super) struct Costs {
     pub cell: f64,
     /// A sample of the volume: drawn, projected and added.
     pub sample: f64,
+    /// A voxel's footprint, and each pixel that it meets.
+    pub footprint: f64,
+    pub add: f64,
+    /// A voxel of an occupied brick, looked at for its weight.
+    pub visit: f64,
     /// A byte of the volume read for the map of empty bricks.
     pub occupancy: f64,
     /// A voxel summed for the distribution.
@@ -33,6 +38,9 @@ impl Costs {
             step: 1.7 + 0.35 * far,
             cell: 2.6 + 0.25 * far,
             sample: 5.0 + 0.4 * far,
+            footprint: 3.0,
+            add: 0.5,
+            visit: 0.3,
             occupancy: 0.1,
             distribution: 0.25,
         }

@@ -48,9 +48,9 @@ pub struct Choice {
 /// Tiles of which a pilot looks at two lines: more where the image itself will take longer.
 fn tiles(error: f64) -> usize {
     match error {
-        e if e >= 0.05 => 16,
-        e if e >= 0.02 => 24,
-        _ => 40,
+        e if e >= 0.05 => 24,
+        e if e >= 0.02 => 40,
+        _ => 64,
     }
 }
 
@@ -68,8 +68,7 @@ pub fn choose(density: &Density, scenery: &Scenery, request: &Request, watch: &W
     } else {
         None
     };
-    let pixels = camera.extent().pixels() as u64;
-    let mut all = candidates(density.volume(), pixels, pilot.as_ref(), request.error);
+    let mut all = candidates(density, camera, request.estimand, pilot.as_ref(), request.error);
     all.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
     // Settings between those tried are solved for the error itself, but for rounding.
     let reaches = |c: &Candidate| c.error <= request.error * (1.0 + 1e-9);

@@ -42,7 +42,8 @@ fn measured(name: &str, density: &Density, view: &View, extent: Extent, refine: 
     let camera = Camera::look(view, grid, extent)?;
     let options = ReferenceOptions { estimand: Estimand::Line, tolerance: 1e-4, ..ReferenceOptions::default() };
     let truth = reference(density, &camera, &options, &Watch::default())?;
-    let (a, b) = (camera.project(grid.centre()), camera.project(grid.centre() + DVec3::Z * grid.spacing().min_element()));
+    let (a, b) =
+        (camera.project(grid.centre()), camera.project(grid.centre() + DVec3::Z * grid.spacing().min_element()));
     let size = (a.0 - b.0).hypot(a.1 - b.1) / view.elevation.to_radians().cos().max(1e-9);
     for refine in refine {
         let options = FootprintOptions { refine: *refine, ..FootprintOptions::default() };

@@ -7,7 +7,9 @@ use mcvr_scene::Kernel;
 #[non_exhaustive]
 pub enum FootprintError {
     /// Only the tent's projections are tabulated.
-    #[error("footprints are those of the kernel 'tent', not of '{0}'; use tent, or rays, march, comb or exact for '{0}'")]
+    #[error(
+        "footprints are those of the kernel 'tent', not of '{0}'; use tent, or rays, march, comb or exact for '{0}'"
+    )]
     Kernel(Kernel),
 
     /// Footprints know the plain X-ray only.
@@ -24,7 +26,9 @@ pub enum FootprintError {
     },
 
     /// Positions are kept in 32-bit floats.
-    #[error("a volume of {dims:?} voxels has too long an axis for footprints: at most {limit}; use rays, comb or exact")]
+    #[error(
+        "a volume of {dims:?} voxels has too long an axis for footprints: at most {limit}; use rays, comb or exact"
+    )]
     Extent {
         /// Voxels along x, y and z.
         dims: [usize; 3],

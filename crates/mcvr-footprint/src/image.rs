@@ -159,6 +159,7 @@ impl Scene<'_> {
         let frame = Frame {
             projection,
             widths: profiles.widths,
+            offsets: profiles.offsets as u32,
             widest: widest(R::SIDE),
             width: width as f32,
             height: height as f32,
@@ -220,8 +221,7 @@ impl<R: Row, T: Voxel> Job<'_, R, T> {
     /// Adds voxels to an image of sums until there are none left. No image where there was nothing to add.
     fn run(&self, pixels: usize) -> Result<(Vec<i64>, Counters), FootprintError> {
         let (mut image, mut counters, mut room) = (vec![], Counters::default(), Room::default());
-        let stream =
-            || Stream { bricks: &[], waiting: Waiting::new(), batch: Batch::new(), tap: 0, many: 0, added: 0 };
+        let stream = || Stream { bricks: &[], waiting: Waiting::new(), batch: Batch::new(), tap: 0, many: 0, added: 0 };
         let mut streams: Vec<Stream<'_>> = (0..STREAMS).map(|_| stream()).collect();
         while !self.watch.cancelled() {
             for (n, stream) in streams.iter_mut().enumerate().filter(|(_, s)| s.added == s.many) {

@@ -67,8 +67,8 @@ impl Projection {
         let longest = if parallel { 1.0 } else { corners.map(|(x, y)| length(x, y)).fold(0.0, f64::max) };
         let columns = [inverse.x_axis, inverse.y_axis, inverse.z_axis];
         let [px, py] = [0, 1].map(|r| rows[r][3] / rows[2][3]);
-        let steps = [(0, px), (1, py)]
-            .map(|(r, v)| [0, 1, 2].map(|a| ((step(r, a) - v * step(2, a)) / rows[2][3]) as f32));
+        let steps =
+            [(0, px), (1, py)].map(|(r, v)| [0, 1, 2].map(|a| ((step(r, a) - v * step(2, a)) / rows[2][3]) as f32));
         Some(Self {
             rows: rows.map(|r| r.map(|v| v as f32)),
             squares: squares.map(|r| r.map(|v| v as f32)),

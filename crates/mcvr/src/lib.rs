@@ -14,10 +14,10 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+pub use mcvr_footprint as footprint;
 pub use mcvr_harness as harness;
 pub use mcvr_mc as mc;
 pub use mcvr_qmc as qmc;
-pub use mcvr_footprint as footprint;
 pub use mcvr_raycast as raycast;
 pub use mcvr_refine as refinement;
 pub use mcvr_sampling as sampling;

@@ -332,13 +332,9 @@ pub(crate) fn point_stream(request: &Request, total: u64) -> Box<dyn PointStream
         Method::McLinear => Box::new(Unsorted::linear(samples, seed)),
         Method::Stratified => Box::new(Stratified::new(samples, seed)),
         Method::Qmc => Box::new(SobolNet::new(samples, seed, request.scramble)),
-        Method::Mc
-        | Method::March
-        | Method::Rays
-        | Method::Comb
-        | Method::Footprint
-        | Method::Exact
-        | Method::Auto => Box::new(OrderStatistics::new(samples, seed)),
+        Method::Mc | Method::March | Method::Rays | Method::Comb | Method::Footprint | Method::Exact | Method::Auto => {
+            Box::new(OrderStatistics::new(samples, seed))
+        }
     }
 }
 

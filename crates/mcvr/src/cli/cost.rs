@@ -232,7 +232,9 @@ fn subject_setup(args: &Args, volume: &VolumeArgs) -> anyhow::Result<Setup> {
     if args.methods.contains(&Entry::Footprint) {
         let plain = setup.scenery.effects.is_plain();
         if !plain || !Method::Footprint.knows(setup.request.kernel) {
-            bail!("--methods: footprint makes plain X-rays of kernel tent; leave out footprint, or the effects and --kernel");
+            bail!(
+                "--methods: footprint makes plain X-rays of kernel tent; leave out footprint, or the effects and --kernel"
+            );
         }
     }
     let size = truth_size(&setup)?;

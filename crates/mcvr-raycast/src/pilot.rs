@@ -6,7 +6,7 @@ use rand_pcg::Pcg64Dxsm;
 use serde::Serialize;
 
 use crate::average::{self, Bends, Rays};
-use crate::packet::{Along, Cast, Lines, Look, Packets, Strip, TILE};
+use crate::packet::{Along, Cast, Job, Lines, Look, Packets, Strip, TILE};
 use crate::points::Points;
 use crate::{Counters, RaycastError};
 
@@ -26,7 +26,7 @@ pub struct Pilot {
     pub bend: f64,
     /// The same of the second order (fourth differences).
     pub bend_twice: f64,
-    /// What averaging over the pixels leaves, where it was looked at: not where blocks of pixels can share a ray.
+    /// What averaging over the pixels leaves, where that was looked at: not where blocks of pixels can share a ray.
     pub left: Option<f64>,
     /// By how much a pixel differs from what its neighbours at one and three pixels tell of it, along a line, and those at one and two.
     pub halves: [f64; 2],
@@ -41,9 +41,6 @@ pub struct Pilot {
 }
 
 impl Pilot {
-    /// Distances of the combs that are tried.
-    pub const DISTANCES: [f64; 7] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0];
-
     /// By what factor averaging over pixels lowers the errors of combs with `side` by `side` rays a pixel less than with one.
     pub fn noise(side: u32) -> f64 {
         average::noise(Rays::Grid(side)) / average::noise(Rays::Grid(1))
@@ -54,8 +51,8 @@ impl Pilot {
         average::noise(Rays::Block(side)) / average::noise(Rays::Grid(1))
     }
 
-    /// Looks at two lines of pixels in up to `tiles` tiles of the image of `tent`, chosen at random by `seed`; `None` where rays are not cast in packets. Combs
-    /// are tried from the widest on until one leaves an error of at most `enough`. The same numbers for any number of threads.
+    /// Looks at two lines of pixels in up to `tiles` tiles of the image of `tent`, chosen at random by `seed`; `None` where rays are not cast in packets. Errors
+    /// far below `enough` are of no interest. The same numbers for any number of threads.
     ///
     /// # Errors
     /// [`RaycastError::Cancelled`] when `watch` said so.
@@ -98,67 +95,70 @@ impl Look for Sight {
         chosen.sort_unstable();
         let strip = |(n, of): (usize, usize)| Strip { tile: from[of], upright: n % 2 == 1 };
         let chosen: Vec<Strip> = chosen.into_iter().enumerate().map(strip).collect();
-        let points = |phase: bool| Points::new(1, false, phase, seed);
-        let (exact, exact_work) = cast(Along::Exact, &points(false), &chosen);
-        let mut counters = exact_work;
-        let values = |strips: &[Lines]| strips.iter().flatten().flatten().copied().collect::<Vec<f64>>();
-        let truth = values(&exact);
-        let number = truth.len().max(1) as f64;
+        let points = |by: f64| {
+            let one = || Points::new(1, false, false, seed);
+            [one().moved([by, 0.0]), one().moved([0.0, by])]
+        };
+        let comb = |distance: f64| {
+            let one = || Points::new(1, false, true, seed);
+            Job { along: Along::Comb(distance * spacing), points: [one(), one()] }
+        };
+        let exact = |by: f64| Job { along: Along::Exact, points: points(by) };
+        // The ways that are wanted for sure go strip by strip; those that turn out to be wanted go over the strips once more.
+        let quick = enough > 0.01;
+        let few = if quick { &[4.0, 8.0, 16.0][..] } else { &[1.0, 2.0, 4.0, 8.0][..] };
+        let sides = || [-1.0 / 3.0, 1.0 / 3.0].map(exact);
+        let mut jobs: Vec<Job> = vec![exact(0.0)];
+        jobs.extend(few.iter().map(|d| comb(*d)));
+        if !quick {
+            jobs.extend(sides());
+        }
+        let (lines, work) = cast(&jobs, &chosen);
+        let mut counters = Counters::default();
+        work.iter().for_each(|w| counters += *w);
+        let (exact_work, mut steps) = (work[0], work[1].evaluations as f64 * few[0]);
+        let number = (2 * TILE * lines.len()).max(1) as f64;
+        let truth = || lines.iter().flat_map(|s| s[0].iter().flatten());
         // From a mean over the tiles looked at to one over the image: the others are dark.
         let share = ((full.len() * TILE * TILE) as f64 / pixels as f64).min(1.0);
-        let mean = share * truth.iter().sum::<f64>() / number;
+        let mean = share * truth().sum::<f64>() / number;
         let rms = |square: f64| (share * square).sqrt() / mean;
-        let mut steps = 0.0;
-        let mut combs = vec![];
-        // Combs with only a few samples a ray are no candidates.
-        let widest = exact_work.cells as f64 / exact_work.rays.max(1) as f64 / 8.0;
-        for distance in Pilot::DISTANCES.into_iter().rev().filter(|d| *d <= widest.max(2.0)) {
-            let (comb, work) = cast(Along::Comb(distance * spacing), &points(true), &chosen);
-            counters += work;
-            steps = work.evaluations as f64 * distance;
-            let square = values(&comb).iter().zip(&truth).map(|(c, e)| (c - e) * (c - e)).sum::<f64>() / number;
-            let error = average::noise(Rays::Grid(1)) * rms(square);
-            combs.push((distance, error));
-            if error <= enough {
-                break;
-            }
-        }
-        combs.reverse();
+        let error = |lines: &[Vec<Lines>], job: usize| {
+            let pairs = lines.iter().flat_map(|s| s[job].iter().flatten()).zip(truth());
+            average::noise(Rays::Grid(1)) * rms(pairs.map(|(c, e)| (c - e) * (c - e)).sum::<f64>() / number)
+        };
+        let mut combs: Vec<(f64, f64)> = few.iter().enumerate().map(|(n, d)| (*d, error(&lines, n + 1))).collect();
         // Terms of both axes add up; each was looked at along half of the lines.
+        let share_of_line = 1.0 / (2 * lines.len()).max(1) as f64;
         let mut bends = Bends::default();
-        for line in exact.iter().flatten() {
-            let b = Bends::of(line);
-            let lines = 2.0 * exact.len() as f64;
+        for line in lines.iter().flat_map(|s| s[0]) {
+            let b = Bends::of(&line);
             for n in 0..2 {
-                bends.terms[n] += 2.0 * b.terms[n] / lines;
-                bends.halves[n] += b.halves[n] / lines;
+                bends.terms[n] += 2.0 * b.terms[n] * share_of_line;
+                bends.halves[n] += b.halves[n] * share_of_line;
             }
         }
         let [bend, bend_twice] = bends.terms.map(rms);
         let halves = bends.halves.map(rms);
-        let left = (halves[0] > enough).then(|| {
-            let mut sides = [[0.0; 2]; 2];
-            // Strips across and upright, moved along their lines.
-            for upright in [false, true] {
-                let some: Vec<(usize, Strip)> =
-                    chosen.iter().copied().enumerate().filter(|(_, s)| s.upright == upright).collect();
-                let strips: Vec<Strip> = some.iter().map(|(_, s)| *s).collect();
-                let [before, after] = [-1.0, 1.0].map(|side: f64| {
-                    let by = if upright { [0.0, side / 3.0] } else { [side / 3.0, 0.0] };
-                    let (values, work) = cast(Along::Exact, &points(false).moved(by), &strips);
-                    counters += work;
-                    values
-                });
-                for (n, (at, _)) in some.iter().enumerate() {
-                    for line in 0..2 {
-                        sides[usize::from(upright)][0] +=
-                            average::left([&before[n][line], &exact[*at][line], &after[n][line]]);
-                        sides[usize::from(upright)][1] += 1.0;
-                    }
-                }
-            }
-            rms(sides.iter().map(|[sum, lines]| sum / f64::max(*lines, 1.0)).sum())
-        });
+        let left_by = |sides: &[Vec<Lines>], first: usize| {
+            let all = lines.iter().zip(sides).flat_map(|(s, sides)| {
+                [0, 1].map(|line: usize| average::left([&sides[first][line], &s[0][line], &sides[first + 1][line]]))
+            });
+            rms(2.0 * share_of_line * all.sum::<f64>())
+        };
+        let mut left = None;
+        if !quick {
+            left = Some(left_by(&lines, few.len() + 1));
+        } else if halves[0] > enough || combs[0].1 > enough {
+            let finer = [1.0, 2.0];
+            let mut jobs: Vec<Job> = sides().into();
+            jobs.extend(finer.map(comb));
+            let (more, work) = cast(&jobs, &chosen);
+            work.iter().for_each(|w| counters += *w);
+            steps = work[2].evaluations as f64 * finer[0];
+            combs.splice(0..0, finer.iter().enumerate().map(|(n, d)| (*d, error(&more, n + 2))));
+            left = Some(left_by(&more, 0));
+        }
         let rays = exact_work.rays.max(1) as f64;
         Pilot {
             tiles: full.len() as u64,

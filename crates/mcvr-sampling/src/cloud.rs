@@ -284,11 +284,11 @@ pub fn sample(
             |(mut scratch, mut counters), (block, ((x, y), z))| {
                 if !watch.cancelled() {
                     let len = x.len();
-                    let Scratch { points, places, .. } = &mut scratch;
+                    let Scratch { points, places, turned, .. } = &mut scratch;
                     points.resize(len);
                     places.iter_mut().for_each(|p| p.resize(len, 0));
                     stream.fill(block as u64, distribution.total(), points);
-                    locator.locate(stream.search(), &points.targets, places, &mut counters);
+                    locator.locate(stream.search(), &points.targets, places, turned, &mut counters);
                     let ([i, j, k], [u, v, w]) = (&*places, &points.uniforms);
                     place(level, centre, [i, j, k], [u, v, w], [x, y, z]);
                     counters.samples += len as u64;

@@ -229,6 +229,7 @@ pub(crate) fn draw(
     scratch.points.resize(len);
     scratch.places.iter_mut().for_each(|p| p.resize(len, 0));
     stream.fill(block, distribution.total(), &mut scratch.points);
-    locator.locate(stream.search(), &scratch.points.targets, &mut scratch.places, counters);
+    let Scratch { points, places, turned, .. } = scratch;
+    locator.locate(stream.search(), &points.targets, places, turned, counters);
     Instant::now()
 }

@@ -12,6 +12,7 @@ use crate::effects::Layers;
 use crate::engine::{Counters, PhaseSeconds, Rendered};
 use crate::project::{Lost, Projection};
 use crate::real::Weights;
+use crate::unpack::Turned;
 use crate::{PointBlock, SamplingError, block_count, block_len};
 
 /// Blocks that a worker takes at a time.
@@ -253,6 +254,7 @@ impl Channels {
 pub(crate) struct Scratch {
     pub points: PointBlock,
     pub places: [Vec<u32>; 3],
+    pub turned: Turned,
     pub pixels: Vec<u32>,
     pub weights: Weights,
     pub layers: Layers,

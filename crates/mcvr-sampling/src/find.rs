@@ -7,13 +7,23 @@ use crate::dense::{self, MANY};
 use crate::engine::Counters;
 use crate::locate::{BrickSums, find_all};
 use crate::order::{Layout, with_layout};
-use crate::units::{Units, Word, with_units};
+use crate::running_totals::RunningTotals;
+use crate::units::{Units, with_units};
 use crate::unpack::Turned;
+use crate::word::Word;
 use crate::{Distribution, Search, SimdLevel};
 
 /// Voxel coordinates of a block's targets.
 pub(crate) trait Locate: Sync {
-    fn locate(&self, search: Search, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters);
+    /// Writes them; `turned` is kept from block to block of one thread.
+    fn locate(
+        &self,
+        search: Search,
+        targets: &[u64],
+        places: &mut [Vec<u32>; 3],
+        turned: &mut Turned,
+        counters: &mut Counters,
+    );
 }
 
 /// The locator of a distribution, for its voxel type and order.
@@ -23,7 +33,7 @@ pub(crate) fn locator<'a>(distribution: &'a Distribution<'_>, level: SimdLevel) 
     with_layout!(&distribution.layout, layout =>
         with_voxels!(density.volume().voxels(), voxels =>
             with_units!(&distribution.weights, density, units =>
-                Box::new(Locator { layout, voxels: &voxels[..], units, before: &distribution.before, culled, level })
+                Box::new(Locator { layout, voxels: &voxels[..], units, totals: &distribution.totals, culled, level })
                     as Box<dyn Locate + 'a>)))
 }
 
@@ -31,17 +41,25 @@ struct Locator<'a, L, T, U> {
     layout: &'a L,
     voxels: &'a [T],
     units: U,
-    before: &'a [u64],
+    totals: &'a RunningTotals,
     culled: bool,
     level: SimdLevel,
 }
 
 impl<L: Layout, T: Voxel, U: Units<T>> Locate for Locator<'_, L, T, U> {
-    fn locate(&self, search: Search, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) {
+    fn locate(
+        &self,
+        search: Search,
+        targets: &[u64],
+        places: &mut [Vec<u32>; 3],
+        turned: &mut Turned,
+        counters: &mut Counters,
+    ) {
+        turned.off();
         let resolved = match search {
-            Search::Walk => self.walk(targets, places, counters),
-            Search::Binary => self.binary(targets, places, counters),
-            Search::Linear => self.linear(targets, places, counters),
+            Search::Walk => self.walk(targets, places, turned, counters),
+            Search::Binary => self.binary(targets, places, turned, counters),
+            Search::Linear => self.linear(targets, places, turned, counters),
         };
         if resolved { self.layout.turn(places) } else { self.layout.resolve(self.level, places) }
     }
@@ -49,24 +67,24 @@ impl<L: Layout, T: Voxel, U: Units<T>> Locate for Locator<'_, L, T, U> {
 
 impl<L: Layout, T: Voxel, U: Units<T>> Locator<'_, L, T, U> {
     #[inline(always)]
-    fn decode(&self, brick: usize, turned: &mut Turned<T>, sums: &mut BrickSums<U::Word>, counters: &mut Counters) {
+    fn decode(&self, brick: usize, turned: &mut Turned, sums: &mut BrickSums<U::Word>, counters: &mut Counters) {
         counters.voxels_read += self.layout.unpack(brick, self.voxels, self.units, turned, &mut sums.sums) as u64;
         counters.bricks_decoded += 1;
         sums.index();
     }
 
-    /// Places the targets `targets[run]`, all in one brick whose sums are given.
+    /// Places targets from number `first` on, all in one brick whose sums are given.
     #[inline(always)]
     fn place(
         &self,
-        brick: usize,
+        (brick, before): (usize, u64),
         sums: &BrickSums<U::Word>,
         targets: &[u64],
         first: usize,
         positions: &mut [u32],
         places: &mut [Vec<u32>; 3],
     ) {
-        find_all(self.level, sums, targets, self.before[brick], positions);
+        find_all(self.level, sums, targets, before, positions);
         let start = self.layout.start(brick);
         let [px, py, pz] = places;
         let run = first..first + targets.len();
@@ -81,7 +99,7 @@ impl<L: Layout, T: Voxel, U: Units<T>> Locator<'_, L, T, U> {
     #[inline(always)]
     fn place_many(
         &self,
-        brick: usize,
+        (brick, before): (usize, u64),
         sums: &BrickSums<U::Word>,
         targets: &[u64],
         first: usize,
@@ -96,75 +114,104 @@ impl<L: Layout, T: Voxel, U: Units<T>> Locator<'_, L, T, U> {
             let [x, y, z] = places.each_mut().map(|p| &mut p[first..first + targets.len()]);
             let start = self.layout.start(brick);
             // SAFETY: the level is only ever chosen on processors with AVX-512 F, BW, DQ and VL.
-            unsafe { dense::place(sums, targets, self.before[brick], start, lines, [x, y, z]) };
+            unsafe { dense::place(sums, targets, before, start, lines, [x, y, z]) };
             return true;
         }
-        let _ = (brick, sums, targets, first, places);
+        let _ = (brick, before, sums, targets, first, places);
         false
     }
 
     /// Rising targets: every brick that holds some is decoded once. Says whether all places are coordinates already.
-    fn walk(&self, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) -> bool {
+    fn walk(&self, targets: &[u64], places: &mut [Vec<u32>; 3], turned: &mut Turned, counters: &mut Counters) -> bool {
         let mut sums = BrickSums::new();
         let mut positions = [0u32; crate::BLOCK];
-        let mut first = 0;
         let mut resolved = true;
         let [Some(least), Some(most)] = [targets.first(), targets.last()] else { return resolved };
-        // The brick of the target at `first`: it is looked for early, so that its voxels are on their way.
-        let mut next = brick_of(self.before, 0, *least);
-        let bricks = brick_of(self.before, next, *most) - next + 1;
-        let mut turned = Turned::new(targets.len(), next, bricks);
+        let (mut totals, mut brick) = self.totals.cursor_at(*least);
+        turned.expect(targets.len(), brick, totals.peek(*most) - brick + 1);
+        // Bricks are looked for early, so that their voxels are on their way.
+        let mut runs = [Run::default(); AHEAD];
+        let (mut found, mut done, mut first, mut next) = (0, 0, 0, 0);
         while first < targets.len() {
-            let brick = next;
-            let end = end_of(targets, first, self.before[brick + 1]);
-            if end < targets.len() {
-                next = brick_of(self.before, brick, targets[end]);
-                self.layout.prefetch(next, self.voxels);
+            while next < targets.len() && found < done + AHEAD {
+                brick = totals.seek(brick, targets[next]);
+                let [before, limit] = totals.ends(brick);
+                self.layout.prefetch(brick, self.voxels);
+                next = end_of(targets, next, limit);
+                runs[found % AHEAD] = Run { brick, before, end: next };
+                found += 1;
             }
-            self.decode(brick, &mut turned, &mut sums, counters);
+            let Run { brick, before, end } = runs[done % AHEAD];
+            self.decode(brick, turned, &mut sums, counters);
             let run = &targets[first..end];
-            if !self.place_many(brick, &sums, run, first, places) {
-                self.place(brick, &sums, run, first, &mut positions[first..end], places);
+            if !self.place_many((brick, before), &sums, run, first, places) {
+                self.place((brick, before), &sums, run, first, &mut positions[first..end], places);
                 resolved = false;
             }
             first = end;
+            done += 1;
         }
         resolved
     }
 
     /// Targets in any order: each searches the brick totals and decodes its own brick.
-    fn binary(&self, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) -> bool {
+    fn binary(
+        &self,
+        targets: &[u64],
+        places: &mut [Vec<u32>; 3],
+        turned: &mut Turned,
+        counters: &mut Counters,
+    ) -> bool {
         let mut sums = BrickSums::new();
         for (i, target) in targets.iter().enumerate() {
-            let brick = self.before.partition_point(|b| b <= target) - 1;
-            self.decode(brick, &mut Turned::off(), &mut sums, counters);
-            self.place(brick, &sums, std::slice::from_ref(target), i, &mut [0], places);
+            let (brick, before) = self.totals.find(*target);
+            self.decode(brick, turned, &mut sums, counters);
+            self.place((brick, before), &sums, std::slice::from_ref(target), i, &mut [0], places);
         }
         false
     }
 
     /// Targets in any order: each adds up the voxels' weights from the first voxel on.
-    fn linear(&self, targets: &[u64], places: &mut [Vec<u32>; 3], counters: &mut Counters) -> bool {
+    fn linear(
+        &self,
+        targets: &[u64],
+        places: &mut [Vec<u32>; 3],
+        turned: &mut Turned,
+        counters: &mut Counters,
+    ) -> bool {
         let mut sums = BrickSums::new();
         for (i, target) in targets.iter().enumerate() {
-            let (mut brick, mut sum) = (0, 0);
+            let mut totals = self.totals.cursor(0);
+            let (mut brick, mut before) = (0, 0);
             loop {
                 // Bricks that were left out are passed over unread, and with them those of weight 0, which look the same;
                 // where nothing was left out, every voxel before the target is read, as the simplest program does.
-                while self.culled && self.before[brick + 1] == self.before[brick] {
+                while self.culled && totals.ends(brick)[0] == totals.ends(brick)[1] {
                     brick += 1;
                 }
-                self.decode(brick, &mut Turned::off(), &mut sums, counters);
-                sum += sums.sums[sums.sums.len() - 1].to_u64();
-                if *target < sum {
+                self.decode(brick, turned, &mut sums, counters);
+                let after = before + sums.sums[sums.sums.len() - 1].to_u64();
+                if *target < after {
                     break;
                 }
+                before = after;
                 brick += 1;
             }
-            self.place(brick, &sums, std::slice::from_ref(target), i, &mut [0], places);
+            self.place((brick, before), &sums, std::slice::from_ref(target), i, &mut [0], places);
         }
         false
     }
+}
+
+/// Bricks that are looked for before the first of them is decoded.
+const AHEAD: usize = 4;
+
+/// Targets of one brick: up to which one, and the sum before the brick.
+#[derive(Clone, Copy, Default)]
+struct Run {
+    brick: usize,
+    before: u64,
+    end: usize,
 }
 
 /// The end of the rising targets from `first` on that are below a limit, which the first one is: by steps that double, then
@@ -179,25 +226,4 @@ fn end_of(targets: &[u64], first: usize, limit: u64) -> usize {
     }
     let high = (low + step - 1).min(targets.len());
     low + targets[low..high].partition_point(|t| *t < limit)
-}
-
-/// The brick that holds a target, searched forward from a brick at or before it: a few steps one by one,
-/// then doubling.
-#[inline(always)]
-fn brick_of(before: &[u64], from: usize, target: u64) -> usize {
-    let mut brick = from;
-    for _ in 0..4 {
-        if target < before[brick + 1] {
-            return brick;
-        }
-        brick += 1;
-    }
-    let mut step = 8;
-    let mut low = brick;
-    while low + step + 1 < before.len() && before[low + step] <= target {
-        low += step;
-        step *= 2;
-    }
-    let high = (low + step + 1).min(before.len());
-    low + before[low..high].partition_point(|b| *b <= target) - 1
 }

@@ -10,6 +10,7 @@
 
 mod accumulate;
 mod binned;
+mod brick_totals;
 mod cloud;
 mod compact;
 mod compact_view;
@@ -32,11 +33,13 @@ mod real;
 mod replicates;
 pub mod rng;
 mod running;
+mod running_totals;
 mod stored;
 mod stream;
 mod totals;
 mod units;
 mod unpack;
+mod word;
 
 pub use cloud::{Cloud, ProjectOptions, Provenance, project_cloud, sample};
 pub use compact::{Compact, CompactBrick};

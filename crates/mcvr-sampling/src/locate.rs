@@ -2,7 +2,7 @@
 
 use crate::SimdLevel;
 use crate::order::BRICK;
-use crate::units::Word;
+use crate::word::Word;
 use mcvr_volume::vectorised;
 
 /// Entries per row: one vector of 32-bit words.

@@ -9,8 +9,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::dense::Lines;
 use crate::hilbert::{Hilbert, unpack};
-use crate::units::{Units, Word};
+use crate::units::Units;
 use crate::unpack::{Turned, prefetch, running};
+use crate::word::Word;
 use crate::{SamplingError, SimdLevel, totals};
 use mcvr_volume::vectorised;
 
@@ -85,7 +86,7 @@ pub(crate) trait Layout: Sync {
         brick: usize,
         voxels: &[T],
         units: U,
-        _: &mut Turned<T>,
+        _: &mut Turned,
         sums: &mut [U::Word; BRICK],
     ) -> usize {
         self.sums(brick, voxels, units, sums)
@@ -219,7 +220,7 @@ impl Layout for Nested {
         brick: usize,
         voxels: &[T],
         units: U,
-        turned: &mut Turned<T>,
+        turned: &mut Turned,
         sums: &mut [U::Word; BRICK],
     ) -> usize {
         if self.axes[0] != 0

@@ -4,7 +4,8 @@ use mcvr_volume::with_voxels;
 
 use crate::Distribution;
 use crate::order::{BRICK, Layout, with_layout};
-use crate::units::{Word, with_units};
+use crate::units::with_units;
+use crate::word::Word;
 
 impl Distribution<'_> {
     /// Visits every voxel that can be drawn, in order: its first target and its integer weight. Targets of one voxel follow
@@ -13,7 +14,9 @@ impl Distribution<'_> {
         with_layout!(&self.layout, l => with_voxels!(self.density.volume().voxels(), v =>
         with_units!(&self.weights, &self.density, u => {
             let mut sums = [Default::default(); BRICK];
-            for (brick, ends) in self.before.windows(2).enumerate() {
+            let mut totals = self.totals.cursor(0);
+            for brick in 0..l.bricks() {
+                let ends = totals.ends(brick);
                 // Empty, or out of the camera's sight.
                 if ends[0] == ends[1] {
                     continue;

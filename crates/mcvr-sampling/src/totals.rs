@@ -7,11 +7,21 @@
 use mcvr_volume::Voxel;
 
 use crate::order::{BRICK, Nested};
-use crate::units::{Units, Word};
-use mcvr_volume::vectorised;
+use crate::units::Units;
+use crate::unpack::prefetch;
+use crate::word::Word;
+use mcvr_volume::{SimdLevel, vectorised};
 
-/// Lines that are summed side by side: their sums stay in the first cache.
-const LINES: usize = 4096;
+/// Lines that are summed side by side at most: sums of 16 and of 32 bits stay in the first cache.
+const LINES: usize = 8192;
+
+/// Lines whose sums are such words.
+fn lines<W>() -> usize {
+    if size_of::<W>() == 2 { LINES } else { LINES / 2 }
+}
+
+/// Lines below which a row is too short to ask for the next one early.
+const FEW: usize = 512;
 
 /// No line.
 const NONE: u32 = u32::MAX;
@@ -21,19 +31,41 @@ pub(crate) fn bricks_at_once(nested: &Nested) -> usize {
     (LINES * nested.extents()[0]).div_ceil(BRICK).clamp(256, 1 << 20)
 }
 
+/// Writes the totals of the bricks from `first` on.
+pub(crate) fn totals<T: Voxel, U: Units<T>>(
+    level: SimdLevel,
+    nested: &Nested,
+    first: usize,
+    voxels: &[T],
+    units: U,
+    totals: &mut [u64],
+) {
+    at_level::<T, U>(level, nested, first, voxels, units, totals, level);
+}
+
 vectorised! {
-    /// Writes the totals of the bricks from `first` on.
-    pub(crate) fn totals<T: Voxel, U: Units<T>>(
-        nested: &Nested, first: usize, voxels: &[T], units: U, totals: &mut [u64],
+    fn at_level<T: Voxel, U: Units<T>>(
+        nested: &Nested, first: usize, voxels: &[T], units: U, totals: &mut [u64], same: SimdLevel,
     ) = totals_body::<T, U>
 }
 
 #[inline(always)]
-fn totals_body<T: Voxel, U: Units<T>>(nested: &Nested, first: usize, voxels: &[T], units: U, totals: &mut [u64]) {
+fn totals_body<T: Voxel, U: Units<T>>(
+    nested: &Nested,
+    first: usize,
+    voxels: &[T],
+    units: U,
+    totals: &mut [u64],
+    level: SimdLevel,
+) {
     let start = first * BRICK;
     let end = (start + totals.len() * BRICK).min(voxels.len());
     if nested.axes()[0] == 0 {
         for (total, brick) in totals.iter_mut().zip(voxels[start..end].chunks(BRICK)) {
+            if U::BYTES {
+                *total = sum_of_bytes(brick, units);
+                continue;
+            }
             let mut sum = U::Word::default();
             for v in brick {
                 sum = sum.plus(units.units(*v));
@@ -59,15 +91,81 @@ fn totals_body<T: Voxel, U: Units<T>>(nested: &Nested, first: usize, voxels: &[T
     }
     part(start, whole * n0);
     part(beyond * n0, end);
-    let mut sums = Lines::new(n0);
+    if U::BYTES {
+        add_lines(level, nested, voxels, [start, whole, beyond], totals, Bytes(units));
+    } else {
+        add_lines(level, nested, voxels, [start, whole, beyond], totals, units);
+    }
+}
+
+/// Weights of at most 255, summed in 16 bits: the 256 of a brick fit.
+#[derive(Clone, Copy)]
+struct Bytes<U>(U);
+
+impl<T: Voxel, U: Units<T>> Units<T> for Bytes<U> {
+    type Word = u16;
+    #[inline(always)]
+    fn units(self, stored: T) -> u16 {
+        u16::from(self.0.byte(stored))
+    }
+}
+
+/// Lanes that bytes are added up in, side by side.
+const LANES: usize = 32;
+
+/// Sum of a brick's weights of at most 255 each: in 16 bits, which leaves vectors twice as full as 32.
+#[inline(always)]
+fn sum_of_bytes<T: Voxel, U: Units<T>>(brick: &[T], units: U) -> u64 {
+    let mut lanes = [0u16; LANES];
+    let (rows, rest) = brick.as_chunks::<LANES>();
+    for row in rows {
+        for (lane, v) in lanes.iter_mut().zip(row) {
+            *lane += u16::from(units.byte(*v));
+        }
+    }
+    let mut sum = 0u32;
+    for lane in lanes {
+        sum += u32::from(lane);
+    }
+    for v in rest {
+        sum += u32::from(units.byte(*v));
+    }
+    u64::from(sum)
+}
+
+/// Adds the lines from `whole` to `beyond` to the totals of bricks, which begin at the voxel `start` in order.
+#[inline(always)]
+fn add_lines<T: Voxel, U: Units<T>>(
+    level: SimdLevel,
+    nested: &Nested,
+    voxels: &[T],
+    [start, whole, beyond]: [usize; 3],
+    totals: &mut [u64],
+    units: U,
+) {
+    let ([n0, n1, _], [s0, s1, s2]) = (nested.extents(), nested.strides());
+    let mut sums = Lines::<U::Word>::new(n0);
     let mut line = whole;
     while line < beyond {
         // Lines follow each other in memory up to the end of the middle axis, and beyond it where that is the whole plane.
         let side_by_side = if s2 == n1 * s1 { beyond - line } else { n1 - line % n1 };
-        let count = side_by_side.min(beyond - line).min(LINES);
-        let rows = Rows { first: origin(line), stride: s0, lines: count, position: line * n0 - start };
-        sums.add::<T, U>(voxels, rows, units, totals);
+        let count = side_by_side.min(beyond - line).min(lines::<U::Word>());
+        let rows =
+            Rows { first: line % n1 * s1 + line / n1 * s2, stride: s0, lines: count, position: line * n0 - start };
+        sums.add::<T, U>(level, voxels, rows, units, totals);
         line += count;
+    }
+}
+
+vectorised! {
+    /// Adds a row of voxels to the sums of their lines.
+    fn add_row<T: Voxel, U: Units<T>>(values: &[T], units: U, sums: &mut [U::Word]) = add_row_body::<T, U>
+}
+
+#[inline(always)]
+fn add_row_body<T: Voxel, U: Units<T>>(values: &[T], units: U, sums: &mut [U::Word]) {
+    for (sum, v) in sums.iter_mut().zip(values) {
+        *sum = sum.plus(units.units(*v));
     }
 }
 
@@ -93,11 +191,18 @@ struct Lines<W> {
 
 impl<W: Word> Lines<W> {
     fn new(rows: usize) -> Self {
-        Self { sums: vec![W::default(); LINES], ends: vec![NONE; rows + 1], next: vec![NONE; LINES] }
+        Self { sums: vec![W::default(); lines::<W>()], ends: vec![NONE; rows + 1], next: vec![NONE; lines::<W>()] }
     }
 
     #[inline(always)]
-    fn add<T: Voxel, U: Units<T, Word = W>>(&mut self, voxels: &[T], rows: Rows, units: U, totals: &mut [u64]) {
+    fn add<T: Voxel, U: Units<T, Word = W>>(
+        &mut self,
+        level: SimdLevel,
+        voxels: &[T],
+        rows: Rows,
+        units: U,
+        totals: &mut [u64],
+    ) {
         let n0 = self.ends.len() - 1;
         let sums = &mut self.sums[..rows.lines];
         for line in 0..rows.lines {
@@ -106,8 +211,15 @@ impl<W: Word> Lines<W> {
         }
         for row in 0..n0 {
             let values = &voxels[rows.first + row * rows.stride..][..sums.len()];
-            for (sum, v) in sums.iter_mut().zip(values) {
-                *sum = sum.plus(units.units(*v));
+            if size_of::<W>() <= 4 && rows.lines >= FEW && row + 1 < n0 {
+                // It lies in other pages, where the processor does not expect it.
+                prefetch(&voxels[rows.first + (row + 1) * rows.stride..][..sums.len()]);
+            }
+            if size_of::<W>() == 2 {
+                add_row_body(values, units, sums);
+            } else {
+                // Loops with a table want the registers for themselves.
+                add_row::<T, U>(level, values, units, sums);
             }
             let mut ending = std::mem::replace(&mut self.ends[row + 1], NONE);
             while ending != NONE {
@@ -127,7 +239,6 @@ impl<W: Word> Lines<W> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::SimdLevel;
     use crate::order::Layout;
     use crate::units::TableUnits;
 

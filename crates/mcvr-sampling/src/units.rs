@@ -11,50 +11,24 @@
 use mcvr_scene::{Density, Transfer, WeightFn, power_of_two};
 use mcvr_volume::Voxel;
 
+use crate::order::BRICK;
+use crate::running_totals::TotalType;
+use crate::word::Word;
+
 /// Largest integer weight for which 256 of them surely sum below 2^31 (vector code compares as `i32`).
 const SMALL: f64 = (1 << 23) as f64 - 1.0;
-
-/// An integer type for running sums within a brick.
-pub(crate) trait Word: Copy + Default + Ord + Send + Sync + 'static {
-    fn from_u64(v: u64) -> Self;
-    fn to_u64(self) -> u64;
-    fn plus(self, other: Self) -> Self;
-}
-
-impl Word for u32 {
-    #[inline(always)]
-    fn from_u64(v: u64) -> Self {
-        v as u32
-    }
-    #[inline(always)]
-    fn to_u64(self) -> u64 {
-        u64::from(self)
-    }
-    #[inline(always)]
-    fn plus(self, other: Self) -> Self {
-        self.wrapping_add(other)
-    }
-}
-
-impl Word for u64 {
-    #[inline(always)]
-    fn from_u64(v: u64) -> Self {
-        v
-    }
-    #[inline(always)]
-    fn to_u64(self) -> u64 {
-        self
-    }
-    #[inline(always)]
-    fn plus(self, other: Self) -> Self {
-        self.wrapping_add(other)
-    }
-}
 
 /// Integer weight of a stored voxel.
 pub(crate) trait Units<T>: Copy + Send + Sync {
     type Word: Word;
+    /// Whether no weight exceeds 255, so that sums of a brick fit 16 bits and [`Units::byte`] may be used.
+    const BYTES: bool = false;
     fn units(self, stored: T) -> Self::Word;
+    /// [`Units::units`] of a voxel of which none exceeds 255.
+    #[inline(always)]
+    fn byte(self, stored: T) -> u8 {
+        self.units(stored).to_u64() as u8
+    }
 }
 
 /// Integer weights by table, for 8- and 16-bit voxels.
@@ -76,10 +50,16 @@ pub(crate) struct Ramp(u32);
 
 impl<T: Voxel> Units<T> for Ramp {
     type Word = u32;
+    const BYTES: bool = size_of::<T>() == 1;
     #[inline(always)]
     fn units(self, stored: T) -> u32 {
         // Only built for types that have ordinals.
         (stored.ordinal().unwrap_or(0) as u32).saturating_sub(self.0)
+    }
+    #[inline(always)]
+    fn byte(self, stored: T) -> u8 {
+        // The zero is one of 256 ordinals.
+        (stored.ordinal().unwrap_or(0) as u8).saturating_sub(self.0 as u8)
     }
 }
 
@@ -192,6 +172,18 @@ impl UnitWeights {
 }
 
 impl UnitWeights {
+    /// The type that holds the total of any brick.
+    pub(crate) fn total_type(&self, density: &Density) -> TotalType {
+        match self {
+            Self::Small(table) => holding(table),
+            Self::Ramp(Ramp(zero)) => {
+                let ordinals = density.table().unwrap_or_default().len() as u64;
+                TotalType::holding(BRICK as u64 * (ordinals - 1 - u64::from(*zero)))
+            }
+            Self::Large(_) | Self::Scaled(_) | Self::Affine(_) => TotalType::U64,
+        }
+    }
+
     /// The units of the whole density, up to rounding.
     pub(crate) fn whole(&self, density: &Density) -> f64 {
         let weights = density.table().unwrap_or_default();
@@ -207,6 +199,16 @@ impl UnitWeights {
         let largest = weights.iter().fold(0.0f64, |a, b| a.max(*b));
         density.report().weight_sum / (largest / f64::from(units.max(1)))
     }
+}
+
+/// [`UnitWeights::total_type`] of the weights per ordinal, which are none for wider voxels.
+pub(crate) fn total_type(weights: &[f64]) -> TotalType {
+    small(weights).map_or(TotalType::U64, |units| holding(&units))
+}
+
+/// The type that holds the total of any brick of such voxels.
+fn holding(units: &[u32]) -> TotalType {
+    TotalType::holding(BRICK as u64 * u64::from(units.iter().copied().max().unwrap_or(0)))
 }
 
 /// Weights as multiples of the largest power of two of which all are multiples, if the largest is [`SMALL`] enough. Weights

@@ -6,85 +6,115 @@
 use mcvr_volume::Voxel;
 
 use crate::order::{BRICK, Nested};
-use crate::units::{Units, Word};
-use mcvr_volume::vectorised;
+use crate::units::Units;
+use crate::word::Word;
+use mcvr_volume::{SimdLevel, vectorised};
 
 /// Entries of a row of running sums that are added up together.
 const ROW: usize = 16;
 /// Bricks that lie between two samples at most where turning pays: below, turned lines serve several samples.
 const SPARSE: usize = 8;
 
-/// Voxels of lines that follow each other in the order, each in one piece.
-pub(crate) struct Turned<T> {
-    voxels: Vec<T>,
-    /// The first voxel's place in the order.
-    start: usize,
+/// Blocks of samples that a thread takes one after the other: the next ones will want the next lines.
+const BLOCKS: usize = 4;
+/// Bytes between the ends and the beginnings of lines whose lengths are multiples of a brick: without them, lines of 2^n voxels
+/// would compete for the same places of the caches.
+const GAP: usize = 64;
+
+/// Voxels of lines that follow each other in the order, each in one piece. It is kept from block to block.
+#[derive(Default)]
+pub(crate) struct Turned {
+    /// The lines, whatever type their voxels have.
+    store: Vec<u64>,
+    /// Where the voxels were copied from: address, number, distance along a line.
+    of: [usize; 3],
+    first: usize,
+    lines: usize,
     /// Bricks that may be wanted, from the first to this one; 0 where none is worth turning.
     bricks: usize,
 }
 
-impl<T: Voxel> Turned<T> {
-    /// Bytes that are turned together at most: what a core's second cache holds.
-    const MOST: usize = 1 << 21;
+impl Turned {
+    /// Bytes that are turned together at most: half of what a core's second cache holds.
+    const MOST: usize = 1 << 20;
 
     /// Lines that begin at a multiple of this begin a cache line in most volumes.
-    fn align() -> usize {
+    fn align<T>() -> usize {
         (64 / size_of::<T>()).max(8)
     }
 
-    /// For so many samples in bricks up to `first + bricks`, in rising order.
-    pub(crate) fn new(samples: usize, first: usize, bricks: usize) -> Self {
-        let wanted = bricks / SPARSE < samples && samples > 1;
-        Self { voxels: Vec::new(), start: 0, bricks: if wanted { first + bricks } else { 0 } }
+    /// From a line to the next.
+    fn pitch<T>(line: usize) -> usize {
+        // Then no brick reaches beyond its line.
+        if line.is_multiple_of(BRICK) { line + GAP / size_of::<T>() } else { line }
     }
 
-    /// For single bricks: turns nothing.
-    pub(crate) fn off() -> Self {
-        Self { voxels: Vec::new(), start: 0, bricks: 0 }
+    /// To come: so many samples in bricks up to `first + bricks`, in rising order.
+    pub(crate) fn expect(&mut self, samples: usize, first: usize, bricks: usize) {
+        let wanted = bricks / SPARSE < samples && samples > 1;
+        self.bricks = if wanted { first + bricks } else { 0 };
+    }
+
+    /// To come: single bricks, for which nothing is turned.
+    pub(crate) fn off(&mut self) {
+        self.bricks = 0;
     }
 
     /// The voxels of a brick, in order, where they can be had so.
     #[inline]
-    pub(crate) fn brick(&mut self, nested: &Nested, brick: usize, voxels: &[T]) -> Option<&[T]> {
-        if brick >= self.bricks {
+    pub(crate) fn brick<T: Voxel>(&mut self, nested: &Nested, brick: usize, voxels: &[T]) -> Option<&[T]> {
+        let ([n0, n1, n2], [s0, s1, s2]) = (nested.extents(), nested.strides());
+        if brick >= self.bricks || s1 != 1 {
             return None;
         }
         let from = brick * BRICK;
-        let to = (from + BRICK).min(voxels.len());
-        if from < self.start || to > self.start + self.voxels.len() {
+        let count = BRICK.min(voxels.len() - from);
+        let (line, at) = (from / n0, from % n0);
+        let end = line + (at + count).div_ceil(n0);
+        let of = [voxels.as_ptr() as usize, voxels.len(), s0];
+        if line < self.first || end > self.first + self.lines || of != self.of {
             // As many lines as will be wanted and can be held, but no more than lie side by side.
-            let ([n0, n1, n2], [_, s1, s2]) = (nested.extents(), nested.strides());
-            let first = from / n0 / Self::align() * Self::align();
+            let align = Self::align::<T>();
+            let first = line / align * align;
             let side_by_side = if s2 == n1 * s1 { n1 * n2 - first } else { n1 - first % n1 };
-            let wanted = (self.bricks * BRICK).min(voxels.len()).div_ceil(n0) - first;
-            let held = Self::MOST / size_of::<T>() / n0 / Self::align() * Self::align();
+            let wanted = (self.bricks * BRICK).min(voxels.len()).div_ceil(n0) - line;
+            let wanted = (line - first + BLOCKS * wanted).next_multiple_of(align);
+            let held = Self::MOST / size_of::<T>() / Self::pitch::<T>(n0) / align * align;
             let lines = wanted.min(held).min(side_by_side);
             // A brick that leaves the plane is read voxel by voxel.
-            if s1 != 1 || to > (first + lines) * n0 {
+            if end > first + lines {
                 return None;
             }
-            self.turn(nested, first, lines, voxels);
+            (self.of, self.first, self.lines) = (of, first, lines);
+            self.turn(nested, voxels);
         }
-        self.voxels.get(from - self.start..to - self.start)
+        let start = (line - self.first) * Self::pitch::<T>(n0) + at;
+        bytemuck::cast_slice(&self.store).get(start..start + count)
     }
 
-    /// Copies so many lines from `first` on.
-    fn turn(&mut self, nested: &Nested, first: usize, lines: usize, voxels: &[T]) {
+    /// Copies the lines.
+    fn turn<T: Voxel>(&mut self, nested: &Nested, voxels: &[T]) {
         let ([n0, n1, _], [s0, s1, s2]) = (nested.extents(), nested.strides());
-        let origin = first % n1 * s1 + first / n1 * s2;
-        self.start = first * n0;
-        self.voxels.resize(lines * n0, T::zeroed());
+        let (lines, pitch) = (self.lines, Self::pitch::<T>(n0));
+        let origin = self.first % n1 * s1 + self.first / n1 * s2;
+        let words = (lines * pitch * size_of::<T>()).div_ceil(size_of::<u64>());
+        self.store.resize(words.max(self.store.len()), 0);
+        let out: &mut [T] = bytemuck::cast_slice_mut(&mut self.store);
         let side = square_side::<T>();
         let (whole_rows, whole_lines) = (n0 / side * side, lines / side * side);
         for row in (0..whole_rows).step_by(side) {
+            // Each row lies in a page of its own, where the processor does not expect the next one.
+            for next in row + side..(row + 2 * side).min(n0) {
+                prefetch(&voxels[origin + next * s0..][..lines]);
+            }
             for line in (0..whole_lines).step_by(side) {
-                square(&voxels[origin + row * s0 + line..], s0, &mut self.voxels[line * n0 + row..], n0);
+                square(&voxels[origin + row * s0 + line..], s0, &mut out[line * pitch + row..], pitch);
             }
         }
         // What squares leave over.
         for line in 0..lines {
             for row in if line < whole_lines { whole_rows } else { 0 }..n0 {
-                self.voxels[line * n0 + row] = voxels[origin + row * s0 + line];
+                out[line * pitch + row] = voxels[origin + row * s0 + line];
             }
         }
     }
@@ -155,36 +185,79 @@ mod sse {
     square!(words, 8, _mm_unpacklo_epi16, _mm_unpackhi_epi16);
 }
 
+/// Writes the inclusive running sums of up to 256 voxels; the rest of the sums is the total.
+#[inline]
+pub(crate) fn running<T: Voxel, U: Units<T>>(level: SimdLevel, voxels: &[T], units: U, sums: &mut [U::Word; BRICK]) {
+    weigh::<T, U>(level, voxels, units, sums);
+    #[cfg(target_arch = "x86_64")]
+    if level == SimdLevel::Avx512
+        && let Some(sums) = (sums as &mut dyn std::any::Any).downcast_mut::<[u32; BRICK]>()
+    {
+        // SAFETY: the level is only ever chosen on processors with AVX-512 F, BW, DQ and VL.
+        unsafe { add_up_avx512(sums) };
+        return;
+    }
+    add_up::<U::Word>(level, sums);
+}
+
 vectorised! {
-    /// Writes the inclusive running sums of up to 256 voxels; the rest of the sums is the total.
-    pub(crate) fn running<T: Voxel, U: Units<T>>(voxels: &[T], units: U, sums: &mut [U::Word; BRICK]) = running_body::<T, U>
+    fn weigh<T: Voxel, U: Units<T>>(voxels: &[T], units: U, weights: &mut [U::Word; BRICK]) = weigh_body::<T, U>
 }
 
 #[inline(always)]
-fn running_body<T: Voxel, U: Units<T>>(voxels: &[T], units: U, sums: &mut [U::Word; BRICK]) {
+fn weigh_body<T: Voxel, U: Units<T>>(voxels: &[T], units: U, weights: &mut [U::Word; BRICK]) {
     if let Some(voxels) = voxels.first_chunk::<BRICK>() {
-        for (sum, v) in sums.iter_mut().zip(voxels) {
-            *sum = units.units(*v);
+        for (weight, v) in weights.iter_mut().zip(voxels) {
+            *weight = units.units(*v);
         }
     } else {
-        let (used, rest) = sums.split_at_mut(voxels.len());
-        for (sum, v) in used.iter_mut().zip(voxels) {
-            *sum = units.units(*v);
+        let (used, rest) = weights.split_at_mut(voxels.len());
+        for (weight, v) in used.iter_mut().zip(voxels) {
+            *weight = units.units(*v);
         }
         rest.fill(U::Word::default());
     }
+}
+
+vectorised! {
+    fn add_up<W: Word>(sums: &mut [W; BRICK]) = add_up_body::<W>
+}
+
+#[inline(always)]
+fn add_up_body<W: Word>(sums: &mut [W; BRICK]) {
     // Within rows by steps that double, which run side by side; then each row takes the total of those before it.
-    let mut before = U::Word::default();
+    let mut before = W::default();
     for row in sums.as_chunks_mut::<ROW>().0 {
-        scan::<U::Word, 1>(row);
-        scan::<U::Word, 2>(row);
-        scan::<U::Word, 4>(row);
-        scan::<U::Word, 8>(row);
+        scan::<W, 1>(row);
+        scan::<W, 2>(row);
+        scan::<W, 4>(row);
+        scan::<W, 8>(row);
         let own = row[ROW - 1];
         for sum in row.iter_mut() {
             *sum = sum.plus(before);
         }
         before = before.plus(own);
+    }
+}
+
+/// [`add_up_body`] with a row a register; what waits from row to row is one addition.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,popcnt,avx512f,avx512bw,avx512dq,avx512vl")]
+fn add_up_avx512(sums: &mut [u32; BRICK]) {
+    use std::arch::x86_64::*;
+    let none = _mm512_setzero_si512();
+    let last = _mm512_set1_epi32(ROW as i32 - 1);
+    let mut before = none;
+    for row in sums.as_chunks_mut::<ROW>().0 {
+        // SAFETY: 16 words of 32 bits are read from an array of 16.
+        let mut v = unsafe { _mm512_loadu_si512(row.as_ptr().cast()) };
+        v = _mm512_add_epi32(v, _mm512_alignr_epi32::<15>(v, none));
+        v = _mm512_add_epi32(v, _mm512_alignr_epi32::<14>(v, none));
+        v = _mm512_add_epi32(v, _mm512_alignr_epi32::<12>(v, none));
+        v = _mm512_add_epi32(v, _mm512_alignr_epi32::<8>(v, none));
+        // SAFETY: 16 words of 32 bits are written to an array of 16.
+        unsafe { _mm512_storeu_si512(row.as_mut_ptr().cast(), _mm512_add_epi32(v, before)) };
+        before = _mm512_add_epi32(before, _mm512_permutexvar_epi32(last, v));
     }
 }
 
@@ -214,7 +287,6 @@ pub(crate) fn prefetch<T>(voxels: &[T]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::SimdLevel;
     use crate::order::Layout;
     use crate::units::TableUnits;
 
@@ -225,7 +297,8 @@ mod tests {
         let units = TableUnits(&table[..]);
         for axis in 0..3 {
             let nested = Nested::new(dims, axis).unwrap();
-            let mut turned = Turned::new(usize::MAX, 0, nested.bricks());
+            let mut turned = Turned::default();
+            turned.expect(usize::MAX, 0, nested.bricks());
             let mut used = 0;
             for brick in 0..nested.bricks() {
                 let (mut expected, mut got) = ([0u32; BRICK], [9u32; BRICK]);

@@ -79,8 +79,16 @@ pub(crate) struct Strip {
 /// The lines' values, 0 beyond the image's edge.
 pub(crate) type Lines = [[f64; TILE]; 2];
 
-/// Casts strips.
-pub(crate) type Cast<'a> = dyn Fn(Along, &Points, &[Strip]) -> (Vec<Lines>, Counters) + 'a;
+/// One way to cast a strip.
+pub(crate) struct Job {
+    pub along: Along,
+    /// Of strips across the image, and of upright ones.
+    pub points: [Points; 2],
+}
+
+/// Casts strips in several ways: the lines of every job of every strip, and the work of every job. All jobs of a strip are done in turn, while
+/// its voxels are at hand.
+pub(crate) type Cast<'a> = dyn Fn(&[Job], &[Strip]) -> (Vec<Vec<Lines>>, Vec<Counters>) + 'a;
 
 /// Code that looks at strips of an image.
 pub(crate) trait Look {
@@ -202,24 +210,30 @@ impl<'a, V: Look> Visit<'a> for Parts<'_, '_, V> {
     fn run<T: Voxel, W: Weights<T> + Send + 'a>(self, field: Corners<'a, T, W>) -> Self::Out {
         let Self { packets, camera, estimand, watch, visit } = self;
         let ready = Ready::new(packets, &field, camera, estimand, watch);
-        let cast = |along: Along, points: &Points, strips: &[Strip]| {
-            let optics = ready.optics(along);
-            let one = |&Strip { tile: (column, row), upright }: &Strip| {
-                let mut tile = [0.0; TILE * TILE];
-                let part = if upright { Part::Columns } else { Part::Rows };
-                let work = ready.cast((along, &optics, points), part, row, column..column + 1, (&mut tile[..], TILE));
-                let extent = camera.extent();
-                let [x, y] = part.first([extent.width - column * TILE, extent.height - row * TILE]);
-                let lines: Lines = std::array::from_fn(|line| {
-                    std::array::from_fn(|n| {
-                        let (x, y) = if upright { (x + line, n) } else { (n, y + line) };
-                        if x < TILE && y < TILE { tile[y * TILE + x] } else { 0.0 }
-                    })
-                });
-                (lines, work)
+        let extent = camera.extent();
+        let one = |job: &Job, optics: &Optics, &Strip { tile: (column, row), upright }: &Strip| {
+            let mut tile = [0.0; TILE * TILE];
+            let part = if upright { Part::Columns } else { Part::Rows };
+            let how = (job.along, optics, &job.points[usize::from(upright)]);
+            let work = ready.cast(how, part, row, column..column + 1, (&mut tile[..], TILE));
+            let [x, y] = part.first([extent.width - column * TILE, extent.height - row * TILE]);
+            let lines: Lines = std::array::from_fn(|line| {
+                std::array::from_fn(|n| {
+                    let (x, y) = if upright { (x + line, n) } else { (n, y + line) };
+                    if x < TILE && y < TILE { tile[y * TILE + x] } else { 0.0 }
+                })
+            });
+            (lines, work)
+        };
+        let cast = |jobs: &[Job], strips: &[Strip]| {
+            let optics: Vec<Optics> = jobs.iter().map(|j| ready.optics(j.along)).collect();
+            let all = |strip: &Strip| -> Vec<(Lines, (Counters, Work))> {
+                jobs.iter().zip(&optics).map(|(job, optics)| one(job, optics, strip)).collect()
             };
-            let (values, work) = strips.par_iter().with_min_len(4).map(one).unzip();
-            (values, ready.sum(work))
+            let done: Vec<Vec<(Lines, (Counters, Work))>> = strips.par_iter().with_min_len(4).map(all).collect();
+            let work = |job: usize| ready.sum(done.iter().map(|s| s[job].1).collect());
+            let work = (0..jobs.len()).map(work).collect();
+            (done.iter().map(|s| s.iter().map(|(lines, _)| *lines).collect()).collect(), work)
         };
         visit.run(&ready.tiles.occupied(), &cast)
     }

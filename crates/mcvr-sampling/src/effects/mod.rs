@@ -121,7 +121,7 @@ impl<'a> EffectPasses<'a> {
     /// Turns a projected batch into pixels and amounts. Samples outside the image are dropped first, so nothing is
     /// computed for them.
     pub(crate) fn apply(&self, scratch: &mut Scratch, miss: u32, counters: &mut Counters) {
-        let Scratch { points, places, pixels, weights, layers } = scratch;
+        let Scratch { points, places, pixels, weights, layers, .. } = scratch;
         let Layers { pixels: kept, amounts, live, positions, gradients, factors, colours } = layers;
         compact(pixels, miss, live, kept);
         let n = live.len();

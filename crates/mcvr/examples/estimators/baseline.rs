@@ -87,14 +87,19 @@ pub fn entries<'a>(scene: &'a Scene, ready: &'a Ready<'a>) -> Vec<Entry<'a>> {
 
 fn marched<'a>(scene: &'a Scene, family: &'static str, n: u32, step: f64) -> Entry<'a> {
     let comb = family == "comb";
-    let options =
-        MarchOptions { step, random_phase: comb, average: comb, rays_per_pixel: n * n, ..MarchOptions::default() };
+    let rays = RayOptions { average: comb, rays_per_pixel: n * n, ..RayOptions::default() };
+    let options = MarchOptions { step, random_phase: comb, rays };
     Entry {
         family,
         setting: format!("{n}x{n}, step {step}"),
         needs: vec![BRICKS],
         work: Box::new(move |seed| {
-            let made = march(&scene.density, &scene.camera, &MarchOptions { seed, ..options }, &Watch::default())?;
+            let made = march(
+                &scene.density,
+                &scene.camera,
+                &MarchOptions { rays: RayOptions { seed, ..options.rays }, ..options },
+                &Watch::default(),
+            )?;
             Ok(Made { image: made.image, work: made.counters.evaluations })
         }),
     }

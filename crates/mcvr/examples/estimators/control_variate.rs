@@ -122,8 +122,8 @@ fn rays(n: u32) -> Base {
 }
 
 fn comb(step: f64, n: u32) -> MarchOptions {
-    let rays_per_pixel = n * n;
-    MarchOptions { step, random_phase: true, average: true, rays_per_pixel, ..MarchOptions::default() }
+    let rays = RayOptions { average: true, rays_per_pixel: n * n, ..RayOptions::default() };
+    MarchOptions { step, random_phase: true, rays }
 }
 
 /// What of a chain must be made anew to be timed.
@@ -189,7 +189,9 @@ fn cast(density: &Density, base: Base, seed: u64, camera: &Camera) -> Outcome<Ma
     let watch = Watch::default();
     let made = match base {
         Base::Rays(options) => cast_rays(density, camera, &RayOptions { seed, ..options }, &watch)?,
-        Base::Comb(options) => march(density, camera, &MarchOptions { seed, ..options }, &watch)?,
+        Base::Comb(options) => {
+            march(density, camera, &MarchOptions { rays: RayOptions { seed, ..options.rays }, ..options }, &watch)?
+        }
     };
     Ok(Made { image: made.image, work: made.counters.evaluations })
 }
@@ -245,7 +247,9 @@ pub fn entries<'a>(scene: &'a Scene, nets: &'a Nets<'a>) -> Outcome<Vec<Entry<'a
                 setting: format!("{n}x{n}, step {step}"),
                 needs: vec![BRICKS, COARSE],
                 work: Box::new(move |seed| {
-                    combed_difference(scene, nets.chain, MarchOptions { seed, ..comb(step, n) })
+                    let teeth = comb(step, n);
+                    let rays = RayOptions { seed, ..teeth.rays };
+                    combed_difference(scene, nets.chain, MarchOptions { rays, ..teeth })
                 }),
             });
         }
@@ -257,8 +261,8 @@ pub fn entries<'a>(scene: &'a Scene, nets: &'a Nets<'a>) -> Outcome<Vec<Entry<'a
 pub fn combed_difference(scene: &Scene, chain: &Chain, teeth: MarchOptions) -> Outcome<Made> {
     let Some(coarse) = chain.coarse.first() else { return Err("no coarse grid".into()) };
     let (camera, watch) = (&scene.camera, Watch::default());
-    let MarchOptions { rays_per_pixel, jitter, average, seed, step, .. } = teeth;
-    let options = RayOptions { rays_per_pixel, jitter, average, seed, ..RayOptions::default() };
+    let MarchOptions { step, rays, .. } = teeth;
+    let options = rays;
     let exact = cast_rays(coarse, camera, &options, &watch)?;
     let fine = march(&scene.density, camera, &teeth, &watch)?;
     // The coarse voxels are twice as wide: half the step is the same distance, and phases are keyed by seed and pixel.

@@ -108,7 +108,7 @@ mcvr::volume::vectorised! {
 
 /// The image: one ray a pixel, and with `average` the means over pixels by the neighbours' values, as mcvr's own rays have them.
 pub fn image(density: &Density, camera: &Camera, average: bool) -> Outcome<Made> {
-    let view = if average { camera.with_margin(MARGIN)? } else { camera.clone() };
+    let view = if average { camera.in_blocks(1, MARGIN)? } else { camera.clone() };
     let grid = density.volume().grid();
     let dims = grid.dims();
     let to_index = grid.world_to_index();

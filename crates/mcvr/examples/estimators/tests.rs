@@ -87,14 +87,8 @@ fn the_difference_of_combs_is_unbiased() {
     let scene = scene("phantom:lobster@40");
     let chain = Chain::new(&scene.density, 1.0, 1).unwrap();
     let image = |seed| {
-        let teeth = MarchOptions {
-            step: 3.0,
-            random_phase: true,
-            jitter: true,
-            rays_per_pixel: 4,
-            seed,
-            ..MarchOptions::default()
-        };
+        let rays = RayOptions { jitter: true, rays_per_pixel: 4, seed, ..RayOptions::default() };
+        let teeth = MarchOptions { step: 3.0, random_phase: true, rays };
         combed_difference(&scene, &chain, teeth).unwrap().image
     };
     let images: Vec<Image> = (1..=16).map(image).collect();

@@ -1,8 +1,8 @@
 //! Seconds and memory of every phase of an image, from 64³ to 1024³ voxels, of a scan that stays in its file.
 //!
-//! `cargo run --release -p mcvr --example size_sweep -- [--max 1024] [--types u8,u16,i16,f32] [--repeats 5] [--folder DIR]
-//! [--markdown FILE] [--json FILE]` writes the lobster phantom to DIR (the system's temporary folder; a file at a time, removed
-//! afterwards), maps it and measures. Each size has a process of its own, so that memory is that of one image.
+//! `cargo run --release -p mcvr --example size_sweep -- [--max 1024] [--types u8,u16,i16,f32] [--repeats 5] [--memory file|heap]
+//! [--folder DIR] [--markdown FILE] [--json FILE]` writes the lobster phantom to DIR (the system's temporary folder; a file at a time, removed
+//! afterwards), maps it (or, with `--memory heap`, copies it) and measures. Each size has a process of its own, so that memory is that of one image.
 //! Views look along x, y and z, which is the order in which voxels are drawn.
 #![allow(missing_docs, reason = "a program, not a library")]
 
@@ -23,13 +23,13 @@ pub struct Options {
     max: usize,
     types: Vec<String>,
     repeats: usize,
+    memory: String,
     folder: PathBuf,
     markdown: Option<PathBuf>,
     json: Option<PathBuf>,
 }
 
-const USAGE: &str =
-    "give [--max 1024] [--types u8,u16,i16,f32] [--repeats 5] [--folder DIR] [--markdown FILE] [--json FILE]";
+const USAGE: &str = "give [--max 1024] [--types u8,u16,i16,f32] [--repeats 5] [--memory file|heap] [--folder DIR] [--markdown FILE] [--json FILE]";
 
 impl Options {
     fn read() -> Outcome<Self> {
@@ -37,6 +37,7 @@ impl Options {
             max: 1024,
             types: vec!["u8".into()],
             repeats: 5,
+            memory: "file".into(),
             folder: std::env::temp_dir(),
             markdown: None,
             json: None,
@@ -48,6 +49,7 @@ impl Options {
                 "--max" => options.max = value.parse().map_err(|e| format!("--max {value}: {e}"))?,
                 "--repeats" => options.repeats = value.parse().map_err(|e| format!("--repeats {value}: {e}"))?,
                 "--types" => options.types = value.split(',').map(str::to_owned).collect(),
+                "--memory" => options.memory = value,
                 "--folder" => options.folder = value.into(),
                 "--markdown" => options.markdown = Some(value.into()),
                 "--json" => options.json = Some(value.into()),
@@ -56,6 +58,9 @@ impl Options {
         }
         if let Some(unknown) = options.types.iter().find(|t| !files::TYPES.contains(&t.as_str())) {
             return Err(format!("--types: '{unknown}' is none of {}", files::TYPES.join(", ")).into());
+        }
+        if !["file", "heap"].contains(&options.memory.as_str()) {
+            return Err(format!("--memory: '{}' is none of file, heap", options.memory).into());
         }
         if options.max < 64 || options.repeats == 0 {
             return Err(format!("--max is at least 64 and --repeats at least 1; {USAGE}").into());
@@ -81,8 +86,8 @@ fn main() -> Outcome<()> {
             println!("null");
             return Ok(());
         }
-        ["measure", path, threads, repeats] => {
-            println!("{}", worker::measure(path.as_ref(), threads.parse()?, repeats.parse()?)?);
+        ["measure", path, memory, threads, repeats] => {
+            println!("{}", worker::measure(path.as_ref(), memory == "heap", threads.parse()?, repeats.parse()?)?);
             return Ok(());
         }
         _ => {}
@@ -97,8 +102,14 @@ fn main() -> Outcome<()> {
             let name = path.display().to_string();
             in_a_process(&["write".into(), side.to_string(), kind.clone(), name.clone()])?;
             for threads in &threads[..if threads[1] > 1 { 2 } else { 1 }] {
-                let measured =
-                    in_a_process(&["measure".into(), name.clone(), threads.to_string(), options.repeats.to_string()])?;
+                let memory = options.memory.clone();
+                let measured = in_a_process(&[
+                    "measure".into(),
+                    name.clone(),
+                    memory,
+                    threads.to_string(),
+                    options.repeats.to_string(),
+                ])?;
                 eprintln!("{kind} {side}³, {threads} thread(s): {}", page::summary(&measured));
                 rows.push(json!({ "type": kind, "side": side, "threads": threads, "measured": measured }));
             }

@@ -7,7 +7,7 @@ use std::time::Instant;
 use mcvr::qmc::{Scramble, SobolNet};
 use mcvr::sampling::{Distribution, RenderOptions, VoxelOrder, render};
 use mcvr::scene::{Camera, Density, DensityMap, Extent, Hounsfield, Kernel, Transfer, View, Watch};
-use mcvr::volume::{Volume, load};
+use mcvr::volume::{Volume, load, with_voxels};
 use mcvr::{Method, Request, Scenery, make};
 use serde_json::{Map, Value, json};
 
@@ -48,15 +48,23 @@ impl Times {
     }
 }
 
-/// Bytes of this process's memory: its own, and files mapped into it that are in memory (Linux; else 0).
-fn resident() -> Value {
+/// Bytes of this process's memory, its own or that of files mapped into it, that are in memory (Linux; else 0).
+fn resident(kind: &str) -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let of = |name: &str| {
-        let line = status.lines().find_map(|l| l.strip_prefix(name));
-        let kib = line.and_then(|l| l.split_whitespace().next()?.parse::<u64>().ok());
-        1024 * kib.unwrap_or(0)
-    };
-    json!({ "anonymous": of("RssAnon:"), "file": of("RssFile:") })
+    let line = status.lines().find_map(|l| l.strip_prefix(kind));
+    let kib = line.and_then(|l| l.split_whitespace().next()?.parse::<u64>().ok());
+    1024 * kib.unwrap_or(0)
+}
+
+/// Bytes of its own.
+fn own() -> u64 {
+    resident("RssAnon:")
+}
+
+/// The same volume, in memory of this process.
+fn held(volume: Volume) -> Outcome<Volume> {
+    let (grid, name) = (volume.grid().clone(), volume.name().to_owned());
+    Ok(with_voxels!(volume.voxels(), v => Volume::from_vec(grid, v.to_vec(), name))?)
 }
 
 /// Seconds to read [`READ`] bytes of memory once, in order, by all threads.
@@ -87,17 +95,17 @@ fn cameras(volume: &Volume) -> Outcome<Vec<(VoxelOrder, Camera)>> {
     Ok(cameras)
 }
 
-pub fn measure(path: &Path, threads: usize, repeats: usize) -> Outcome<Value> {
-    rayon::ThreadPoolBuilder::new().num_threads(threads).build()?.install(|| phases(path, repeats))
+pub fn measure(path: &Path, heap: bool, threads: usize, repeats: usize) -> Outcome<Value> {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build()?.install(|| phases(path, heap, repeats))
 }
 
-fn phases(path: &Path, repeats: usize) -> Outcome<Value> {
+fn phases(path: &Path, heap: bool, repeats: usize) -> Outcome<Value> {
     let mut out = Map::new();
     let name = path.to_str().ok_or("the folder's name is not Unicode")?;
     out.insert("read".into(), json!({ "bytes": READ, "seconds": reading(repeats)? }));
     let open = || Ok(load(name, None)?.volume);
     out.insert("load".into(), timed(repeats, open)?.record());
-    let volume = open()?;
+    let volume = if heap { held(open()?)? } else { open()? };
     out.insert("bytes".into(), json!(volume.bytes()));
     out.insert("mapped".into(), json!(volume.voxels().is_mapped()));
     // Pages of a map are brought in by the first pass.
@@ -112,22 +120,25 @@ fn phases(path: &Path, repeats: usize) -> Outcome<Value> {
             out.insert(format!("distribution, {name}, {}", order.name()), timed(repeats, build)?.record());
         }
     }
+    out.insert("own, before".into(), json!(own()));
     let density = scan(&DensityMap::default())?;
+    out.insert("own, density".into(), json!(own()));
     for (order, camera) in &cameras {
         let distribution = Distribution::in_view(&density, *order, camera, Kernel::Tent)?;
+        out.insert(format!("own, distribution, {}", order.name()), json!(own()));
         out.insert("distribution bytes".into(), json!(distribution.counters().bytes));
         for log in [20, 24] {
             let stream = SobolNet::new(1 << log, 1, Scramble::default());
             let image =
                 || Ok(render(&distribution, &stream, camera, &RenderOptions::default(), &Watch::default())?.image);
             out.insert(format!("image, 2^{log}, {}", order.name()), timed(repeats, image)?.record());
-        }
-        if *order == VoxelOrder::ZInnermost {
-            out.insert("resident".into(), resident());
+            out.insert(format!("own, image, 2^{log}, {}", order.name()), json!(own()));
         }
     }
     let scenery = Scenery::new(volume.clone(), DensityMap::default(), cameras[0].1.clone());
     let request = Request { method: Method::March, samples: 400 * 400, ..Request::default() };
     out.insert("march".into(), timed(repeats.min(3), || Ok(make(&scenery, &request, &Watch::default())?))?.record());
+    out.insert("own, march".into(), json!(own()));
+    out.insert("of files".into(), json!(resident("RssFile:")));
     Ok(Value::Object(out))
 }

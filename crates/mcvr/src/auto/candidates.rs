@@ -11,15 +11,10 @@ use crate::Method;
 pub(super) const MARGIN: f64 = 0.7;
 
 /// Most pixels along the side of a block that shares a ray: larger ones save little, and edges along them are foreseen worst.
-const BLOCKS: u32 = 4;
+const BLOCKS: u32 = 3;
 
 /// Most rays along a side of a pixel.
 const SIDES: u32 = 32;
-
-/// The second term of the formula for pixel means over the first: how rough the image is at the pixels' scale (0.23 for noise).
-fn roughness(pilot: &Pilot) -> f64 {
-    if pilot.bend > 0.0 { pilot.bend_twice / pilot.bend } else { 0.0 }
-}
 
 /// Error of one exact ray for blocks of `side` by `side` pixels. Measured on eight phantoms, two sizes of image and two views: at two
 /// pixels 0.6 to 1.05 times what every second pixel tells of the others along a line, and from there by the power that this has
@@ -27,15 +22,12 @@ fn roughness(pilot: &Pilot) -> f64 {
 fn of_block(pilot: &Pilot, side: u32) -> f64 {
     let [far, near] = pilot.halves;
     let power = if near > 0.0 { (1.0 + 3.2 * (far / near - 1.0)).clamp(1.0, 5.0) } else { 5.0 };
-    0.95 * far * (0.5 * f64::from(side)).powf(power)
+    1.1 * far * (0.5 * f64::from(side)).powf(power)
 }
 
 /// Power of the number of rays by which a comb's error falls. Phases of a pixel's rays are stratified: 1 where the rays see the same, 1/2
-/// where each sees something of its own. Measured: 0.88 to 0.95 on four scans up to a roughness of 0.15; less than 1/2 to 0.6 on a
-/// phantom at 0.17.
-fn phases(pilot: &Pilot) -> f64 {
-    (0.95 - 0.45 * (roughness(pilot) - 0.15) / 0.02).clamp(0.5, 0.95)
-}
+/// where each sees something of its own. Measured: 0.88 to 0.95 on scans, 0.5 to 0.6 on phantoms with sharp faces.
+const PHASES: f64 = 0.7;
 
 /// Power of the number of rays along a pixel's side by which their error falls: about 2 where edges lie along the pixels, 2.4 to 2.7
 /// where they cross them (measured on eight phantoms).
@@ -50,7 +42,6 @@ pub(super) fn candidates(volume: &Volume, pixels: u64, pilot: Option<&Pilot>, er
     let mut all = vec![net(volume, pixels, &costs, error)];
     let Some(pilot) = pilot else { return all };
     let wanted = MARGIN * error;
-    let phases = phases(pilot);
     let rays = (pilot.tiles * 64).min(pixels) as f64;
     let fixed = volume.bytes() as f64 * costs.occupancy + pixels as f64 * costs.pixel;
     // An exact setting of rays, and the widest comb whose error fits beside theirs; `fall` is what is left of a comb's error.
@@ -80,14 +71,14 @@ pub(super) fn candidates(volume: &Volume, pixels: u64, pilot: Option<&Pilot>, er
         }
     }
     // Where blocks would do, what averaging leaves was not looked at: it is less than what they leave.
-    let left = pilot.left.unwrap_or_else(|| of_block(pilot, 2).min(pilot.bend));
+    let left = pilot.left.unwrap_or_else(|| of_block(pilot, 2));
     for side in 1..=SIDES {
         let n = f64::from(side);
         let area = left * n.powf(-AREA);
         if area > wanted && side < SIDES {
             continue;
         }
-        add(u64::from(side * side) * pixels, n * n * rays, area, Pilot::noise(side) * n.powf(-2.0 * phases));
+        add(u64::from(side * side) * pixels, n * n * rays, area, Pilot::noise(side) * n.powf(-2.0 * PHASES));
         // More rays cost more; the next side is a candidate for wider combs only.
         if side > 1 && area < 0.5 * wanted {
             break;

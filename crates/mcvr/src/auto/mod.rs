@@ -48,9 +48,9 @@ pub struct Choice {
 /// Tiles of which a pilot looks at two lines: more where the image itself will take longer.
 fn tiles(error: f64) -> usize {
     match error {
-        e if e >= 0.05 => 32,
-        e if e >= 0.02 => 48,
-        _ => 96,
+        e if e >= 0.05 => 16,
+        e if e >= 0.02 => 24,
+        _ => 40,
     }
 }
 

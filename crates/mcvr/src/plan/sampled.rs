@@ -30,11 +30,11 @@ pub(super) fn sampled(
     passes: &mut Vec<Pass>,
     left_out: &mut Vec<LeftOut>,
 ) -> Result<(), MakeError> {
-    let Scenery { volume, camera, .. } = scenery;
+    let Scenery { volume, map, camera, .. } = scenery;
     let Request { method, samples, kernel, estimand, .. } = *request;
     let grid = volume.grid();
     let order = request.order.resolve(camera, grid);
-    let (survey, seen) = Distribution::survey(grid, order, request.cull.then_some((camera, kernel)))?;
+    let (survey, seen) = Distribution::survey(volume, map, order, request.cull.then_some((camera, kernel)))?;
     let bricks = survey.bricks - survey.bricks_beside - survey.bricks_near;
     passes.push(Pass {
         name: "distribution",

@@ -1,6 +1,6 @@
 //! Sums over the voxels, before the negative policy: by the cheapest way that gives the same numbers.
 
-use mcvr_volume::{Volume, Voxel};
+use mcvr_volume::{Volume, Voxel, with_voxels};
 
 /// Compiles a function for AVX2 as well, which runs where the processor has it; `name::portable` is the other one. No step is
 /// fused or reordered: both give the same bits.
@@ -32,6 +32,8 @@ macro_rules! avx2 {
 
 mod histogram;
 mod ramp;
+#[cfg(target_arch = "x86_64")]
+mod ramp_avx2;
 mod wide;
 
 use super::{DensityMap, Transfer};
@@ -97,10 +99,29 @@ pub(super) fn scan<T: Voxel>(volume: &Volume, map: &DensityMap, voxels: &[T]) ->
         };
         return (Vec::new(), tally);
     };
-    let first = if T::TYPE.name().starts_with('i') { cardinality as f64 / 2.0 } else { 0.0 };
-    let table: Vec<f64> = (0..cardinality).map(|i| map.raw_weight(slope * (i as f64 - first) + intercept)).collect();
+    let table = raw_weights::<T>(volume, map, cardinality);
     let tally = ramp::tally(voxels, &table).unwrap_or_else(|| histogram::tally(voxels, &table));
     (table, tally)
+}
+
+/// Weight per ordinal, before the negative policy.
+fn raw_weights<T: Voxel>(volume: &Volume, map: &DensityMap, cardinality: usize) -> Vec<f64> {
+    let (slope, intercept) = (volume.slope(), volume.intercept());
+    let first = if T::TYPE.name().starts_with('i') { cardinality as f64 / 2.0 } else { 0.0 };
+    (0..cardinality).map(|i| map.raw_weight(slope * (i as f64 - first) + intercept)).collect()
+}
+
+impl DensityMap {
+    /// What [`Density::table`](crate::Density::table) of a volume will be, without reading a voxel: the weight per ordinal of 8- and 16-bit
+    /// voxels, nothing for wider ones and for moved weights, which are wider.
+    pub fn table(&self, volume: &Volume) -> Vec<f64> {
+        fn of<T: Voxel>(volume: &Volume, map: &DensityMap, _: &[T]) -> Vec<f64> {
+            let cardinality = T::TYPE.cardinality().filter(|_| !map.concentrate).unwrap_or(0);
+            let weights = raw_weights::<T>(volume, map, cardinality).into_iter();
+            weights.map(|w| if w > 0.0 { w } else { 0.0 }).collect()
+        }
+        with_voxels!(volume.voxels(), v => of(volume, self, v))
+    }
 }
 
 /// Number and sum of the positive weights below a bound.

@@ -11,14 +11,14 @@ const CHUNK: usize = 1 << 20;
 
 /// Sums in units of the step: of `ordinal - zero` where it is positive, of `zero - ordinal` elsewhere.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Sums {
-    positive: u64,
-    negative: u64,
-    above: u64,
-    below: u64,
+pub(super) struct Sums {
+    pub(super) positive: u64,
+    pub(super) negative: u64,
+    pub(super) above: u64,
+    pub(super) below: u64,
     /// Ordinals; the smallest of those above `zero`.
-    largest: u64,
-    smallest: u64,
+    pub(super) largest: u64,
+    pub(super) smallest: u64,
 }
 
 impl Sums {
@@ -71,11 +71,13 @@ pub(super) fn tally<T: Voxel>(voxels: &[T], table: &[f64]) -> Option<Tally> {
 }
 
 /// Sums of one chunk of 8- or 16-bit voxels. `flip` turns stored bits into ordinals; without `NEGATIVE` the zero is the smallest
-/// ordinal. A part that stays in the first cache is gone through once for each figure: simple loops become vector code.
+/// ordinal. `portable` goes through a part that stays in the first cache once for each figure: simple loops become vector code.
 macro_rules! sums {
     ($name:ident, $t:ty, $part:literal) => {
-        avx2! {
-            fn $name [const NEGATIVE: bool] [NEGATIVE] (voxels: &[$t], flip: $t, zero: $t) -> Sums {
+        mod $name {
+            use super::Sums;
+
+            pub(super) fn portable<const NEGATIVE: bool>(voxels: &[$t], flip: $t, zero: $t) -> Sums {
                 let mut sums = Sums::NONE;
                 let mut largest = 0;
                 // Less `zero + 1`, so that all that is not above it wraps round to the largest numbers.
@@ -125,6 +127,16 @@ macro_rules! sums {
                 sums
             }
         }
+
+        fn $name<const NEGATIVE: bool>(voxels: &[$t], flip: $t, zero: $t) -> Sums {
+            #[cfg(target_arch = "x86_64")]
+            if mcvr_volume::SimdLevel::detect() >= mcvr_volume::SimdLevel::Avx2 {
+                // SAFETY: `detect` names only what the processor has.
+                let (sums, rest) = unsafe { super::ramp_avx2::$name::<NEGATIVE>(voxels, flip, zero) };
+                return sums.join($name::portable::<NEGATIVE>(rest, flip, zero));
+            }
+            $name::portable::<NEGATIVE>(voxels, flip, zero)
+        }
     };
 }
 
@@ -167,11 +179,26 @@ mod tests {
             agree(vec![u16::MAX; n], 1.0, 0.0, true);
             agree(vec![i16::MIN; n], 1.0, 0.0, true);
         }
-        let noise: Vec<u8> = (0..100_000u32).map(|i| (i.wrapping_mul(0x9e37_79b9) >> 24) as u8).collect();
-        let (fast, plain) = (bytes::<true>(&noise, 0x80, 9), bytes::portable::<true>(&noise, 0x80, 9));
-        assert_eq!(fast, plain);
+        // Both ways of adding up, of chunks that do and do not fill vectors, with the zero anywhere.
         let noise: Vec<u16> = (0..100_000u32).map(|i| (i.wrapping_mul(0x9e37_79b9) >> 16) as u16).collect();
-        assert_eq!(words::<true>(&noise, 0x8000, 900), words::portable::<true>(&noise, 0x8000, 900));
+        let small: Vec<u8> = noise.iter().map(|v| (v >> 8) as u8).collect();
+        for n in [0, 1, 15, 16, 31, 32, 33, 4095, 4096, 4128, 100_000] {
+            for zero in [0, 9, 128, 254, 255] {
+                let (b, w) = (&small[..n], &noise[..n]);
+                for flip in [0, 0x80] {
+                    assert_eq!(bytes::<true>(b, flip, zero), bytes::portable::<true>(b, flip, zero), "{n} {zero}");
+                    let (zero, flip) = (u16::from(zero) * 257, u16::from(flip) << 8);
+                    assert_eq!(words::<true>(w, flip, zero), words::portable::<true>(w, flip, zero), "{n} {zero}");
+                }
+            }
+            assert_eq!(bytes::<false>(&small[..n], 0x80, 0), bytes::portable::<false>(&small[..n], 0x80, 0), "{n}");
+            assert_eq!(words::<false>(&noise[..n], 0, 0), words::portable::<false>(&noise[..n], 0, 0), "{n}");
+        }
+        for same in [0u16, 1, 254, 255, 65_535] {
+            let (b, w) = (vec![same as u8; 70_001], vec![same; 70_001]);
+            assert_eq!(bytes::<true>(&b, 0, 254), bytes::portable::<true>(&b, 0, 254), "{same}");
+            assert_eq!(words::<true>(&w, 0, 254), words::portable::<true>(&w, 0, 254), "{same}");
+        }
         // Weights that 53 digits hold one by one, but not their sums.
         agree(vec![65535u16; 9000], 1.0 + 2f64.powi(-36), 0.0, false);
     }

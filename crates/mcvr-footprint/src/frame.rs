@@ -2,7 +2,7 @@
 
 use mcvr_volume::vectorised;
 
-use crate::profiles::{OFFSETS, Widths};
+use crate::profiles::Widths;
 use crate::projection::Projection;
 use crate::refine::Tap;
 
@@ -35,6 +35,8 @@ impl Batch {
 pub(crate) struct Frame {
     pub projection: Projection,
     pub widths: [Widths; 2],
+    /// Offsets below a pixel.
+    pub offsets: u32,
     /// Knot distances that profiles hold.
     pub widest: f32,
     /// Pixels of the image with its margins, of the margin, and of a footprint's side.
@@ -65,7 +67,7 @@ fn project(frame: &Frame, at: [&[f32]; 3], weight: &[f32], tap: &Tap, batch: &mu
     let first = 0.5 * frame.side + 1.0;
     let (right, bottom) = (frame.width - frame.side, frame.height - frame.side);
     let (wx, wy) = (frame.widths[0], frame.widths[1]);
-    let offsets = OFFSETS as f32;
+    let offsets = frame.offsets as f32;
     let (mut seen, mut too_large) = (0u32, 0u32);
     for n in 0..many {
         let [px, py, near, wide, high] = frame.projection.at([x[n] + dx, y[n] + dy, z[n] + dz]);
@@ -90,8 +92,8 @@ fn project(frame: &Frame, at: [&[f32]; 3], weight: &[f32], tap: &Tap, batch: &mu
         // less than 2^7.
         unsafe {
             start[n] = sy.to_int_unchecked::<i32>() as u32 * frame.width as u32 + sx.to_int_unchecked::<i32>() as u32;
-            across[n] = w * OFFSETS as u32 + ox.to_int_unchecked::<i32>() as u32;
-            down[n] = h * OFFSETS as u32 + oy.to_int_unchecked::<i32>() as u32;
+            across[n] = w * frame.offsets + ox.to_int_unchecked::<i32>() as u32;
+            down[n] = h * frame.offsets + oy.to_int_unchecked::<i32>() as u32;
         }
     }
     [seen, too_large]

@@ -159,6 +159,7 @@ impl Scene<'_> {
         let frame = Frame {
             projection,
             widths: profiles.widths,
+            offsets: profiles.offsets as u32,
             widest: widest(R::SIDE),
             width: width as f32,
             height: height as f32,

@@ -29,8 +29,10 @@ impl<const N: usize> Row for [f32; N] {
     }
 }
 
-/// Offsets below a pixel.
-pub(crate) const OFFSETS: usize = 256;
+/// Offsets below a pixel, where there are many widths and where there are few: voxels in a row along the view share theirs.
+const OFFSETS: [usize; 2] = [256, 4096];
+/// Few widths.
+const FEW: u32 = 8;
 
 /// Most widths along an axis of the image.
 const MOST_WIDTHS: u32 = 128;
@@ -80,6 +82,8 @@ impl Widths {
 pub(crate) struct Profiles<R> {
     pub rows: Vec<R>,
     pub widths: [Widths; 2],
+    /// Offsets below a pixel.
+    pub offsets: usize,
 }
 
 impl<R: Row> Profiles<R> {
@@ -87,35 +91,37 @@ impl<R: Row> Profiles<R> {
         let limit = widest(R::SIDE);
         let x = Widths::new(projection.spans[0], limit, 0);
         let y = Widths::new(projection.spans[1], limit, x.many);
-        let mut rows = vec![R::ZERO; (x.many + y.many) as usize * OFFSETS];
-        let mut edges = vec![0f32; (R::SIDE + 1) * OFFSETS];
+        let offsets = OFFSETS[usize::from(x.many + y.many <= FEW)];
+        let mut rows = vec![R::ZERO; (x.many + y.many) as usize * offsets];
+        let mut edges = vec![0f32; (R::SIDE + 1) * offsets];
         for (axis, widths) in [x, y].into_iter().enumerate() {
             for n in 0..widths.many {
                 let knot = widths.middle(n, projection.spans[axis][1].min(limit));
-                fill(&shapes[axis], knot, &mut edges, &mut rows[(widths.first + n) as usize * OFFSETS..][..OFFSETS]);
+                fill(&shapes[axis], knot, &mut edges, &mut rows[(widths.first + n) as usize * offsets..][..offsets]);
             }
         }
-        Self { rows, widths: [x, y] }
+        Self { rows, widths: [x, y], offsets }
     }
 }
 
 /// The profiles of one width.
 fn fill<R: Row>(shape: &Shape, knot: f32, edges: &mut [f32], rows: &mut [R]) {
-    let (side, last) = (R::SIDE, (R::SIDE + 1) * OFFSETS - 1);
+    let (side, offsets) = (R::SIDE, rows.len());
+    let last = (side + 1) * offsets - 1;
     let inverse = 1.0 / knot;
-    // Integrals up to the edges of pixels, which lie at all places a 256th of a pixel apart; the second half mirrors the first.
+    // Integrals up to the edges of pixels, which lie at all places an offset apart; the second half mirrors the first.
     for n in 0..=last / 2 {
-        let x = (n as f32 + 0.5) / OFFSETS as f32 - 0.5 * (side + 1) as f32;
+        let x = (n as f32 + 0.5) / offsets as f32 - 0.5 * (side + 1) as f32;
         edges[n] = shape.integral(x * inverse);
         edges[last - n] = 1.0 - edges[n];
     }
     for (offset, row) in rows.iter_mut().enumerate() {
         // Edge `n` lies `n - side / 2 + 1/2 - f` pixels from the centre, `f` the offset; the place of the first is the last of all.
-        let from = OFFSETS - 1 - offset;
+        let from = offsets - 1 - offset;
         let pixels = row.pixels_mut();
         let mut sum = 0.0;
         for n in 0..side {
-            pixels[n] = edges[from + (n + 1) * OFFSETS] - edges[from + n * OFFSETS];
+            pixels[n] = edges[from + (n + 1) * offsets] - edges[from + n * offsets];
             sum += pixels[n];
         }
         // What lies beyond the last pixels is shared out.

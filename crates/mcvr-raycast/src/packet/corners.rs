@@ -286,9 +286,9 @@ impl<'a, T: Voxel, W: Weights<T>> Corners<'a, T, W> {
             left &= left - 1;
             // Negative numbers wrap to huge ones, which lie outside too.
             let [x, y, z] = [0, 1, 2].map(|a: usize| cells[a][lane].wrapping_sub(1) as usize);
-            for n in 0..8 {
+            for (n, row) in rows.iter_mut().enumerate() {
                 let (x, y, z) = (x.wrapping_add(n & 1), y.wrapping_add(n >> 1 & 1), z.wrapping_add(n >> 2 & 1));
-                rows[n][lane] = if x < nx && y < ny && z < nz {
+                row[lane] = if x < nx && y < ny && z < nz {
                     border.reads += 1;
                     self.weights.one(self.voxels[x + nx * (y + ny * z)])
                 } else {

@@ -241,10 +241,9 @@ impl Tiles {
                         if full == 0 {
                             continue;
                         }
-                        let mut x = [[0.0; LANES]; 2];
-                        for l in 0..LANES {
-                            [x[0][l], x[1][l]] = slack(wide(0, first + l.min(number - 1)));
-                        }
+                        let spans: [[f64; 2]; LANES] =
+                            std::array::from_fn(|l| slack(wide(0, first + l.min(number - 1))));
+                        let x = [spans.map(|s| s[0]), spans.map(|s| s[1])];
                         let (y, z) = (slack(wide(1, by)), slack(wide(2, bz)));
                         // The whole box lies beyond the near plane, and so do its parts.
                         outlines(level, &outliner.at, outliner.parallel, &x, y, z, &mut found);

@@ -153,7 +153,7 @@ fn footprint(density: &Density, camera: &Camera, estimand: Estimand, costs: &Cos
         samples: number as u64,
         step: 0.0,
         error: predicted_error(density, camera, &options),
-        seconds: 1e-9 * (pixels + visited * costs.visit + number * each),
+        seconds: 1e-9 * (costs.tables + pixels + visited * costs.visit + number * each),
     }
 }
 

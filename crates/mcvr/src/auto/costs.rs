@@ -15,6 +15,8 @@ pub(super) struct Costs {
     pub cell: f64,
     /// A sample of the volume: drawn, projected and added.
     pub sample: f64,
+    /// The tables of footprints.
+    pub tables: f64,
     /// A voxel's footprint, and each pixel that it meets.
     pub footprint: f64,
     pub add: f64,
@@ -38,9 +40,10 @@ impl Costs {
             step: 1.7 + 0.35 * far,
             cell: 2.6 + 0.25 * far,
             sample: 5.0 + 0.4 * far,
+            tables: 1.5e6,
             footprint: 3.0,
-            add: 0.5,
-            visit: 0.3,
+            add: 0.46,
+            visit: 0.5,
             occupancy: 0.1,
             distribution: 0.25,
         }

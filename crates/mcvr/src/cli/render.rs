@@ -105,7 +105,10 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         let outputs: Vec<PathBuf> = args.outputs.iter().map(named).collect();
         setup.scenery.camera = view.camera.clone();
         setup.view.clone_from(&view.words);
-        let mut drawing = |quiet| draw(args, &setup, &mut density, refinement.as_ref(), view, one, &formats, quiet);
+        let mut drawing = |quiet| match &refinement {
+            None => Ok(Drawn { made: render(&setup, &mut density, quiet)?, error: None }),
+            Some(refinement) => refine(args, &setup, refinement, (view, one), &formats, quiet),
+        };
         let drawn = drawing(quiet)?;
         let again = || Ok(drawing(true)?.made.seconds.complete);
         let repeats = args.repeats.map(|n| process::repeated(n, again)).transpose()?;
@@ -192,17 +195,15 @@ impl Drawn {
     }
 }
 
-fn draw(
+/// Refines the image of a view, the only `one` or not.
+fn refine(
     args: &Args,
     setup: &Setup,
-    density: &mut Option<Density>,
-    refinement: Option<&Refinement>,
-    view: &Viewpoint,
-    one: bool,
+    refinement: &Refinement,
+    (view, one): (&Viewpoint, bool),
     formats: &[ImageFormat],
     quiet: bool,
 ) -> anyhow::Result<Drawn> {
-    let Some(refinement) = refinement else { return Ok(Drawn { made: render(setup, density, quiet)?, error: None }) };
     let request = json!({ "method": setup.request.method, "estimand": setup.request.estimand, "kernel": setup.request.kernel,
         "seed": setup.request.seed, "refinement": refinement, "input": setup.input, "view": setup.view });
     let label = (!one).then_some(view.label.as_str());

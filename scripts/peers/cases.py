@@ -40,9 +40,10 @@ SINGLE = [
     setting("march step 1, 1 rays", "--method", "march", "--step", "1", "--rays-a-pixel", "1"),
     *(
         setting(f"comb step {step}, {rays} rays", "--method", "comb", "--step", str(step), "--rays-a-pixel", str(rays))
-        for rays in (1, 4)
+        for rays in (0.25, 1, 4)
         for step in (8, 4, 2, 1.5, 1)
     ),
+    setting("footprint", "--method", "footprint"),
     *(setting(f"rays, {rays}", "--method", "rays", "--rays-a-pixel", str(rays)) for rays in (1, 4, 9)),
 ]
 

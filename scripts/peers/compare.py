@@ -151,7 +151,7 @@ def singles(run, options):
             args = list(case["args"])
             if "--rays-a-pixel" in args:
                 at = args.index("--rays-a-pixel")
-                args[at:] = ["--samples", str(int(args[at + 1]) * pixels)]
+                args[at:] = ["--samples", str(math.ceil(float(args[at + 1]) * pixels))]
             found.append(tried(make(case["name"], args), options))
             if found[-1] is None or enough(found[-1], options):
                 ended.add(family)

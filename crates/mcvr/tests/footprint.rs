@@ -108,7 +108,8 @@ fn what_cannot_be_is_said() {
     };
     refused(&["converge", "--methods", "qmc,footprint"], "no budget to vary");
     refused(&["cost", "--methods", "rays,footprint", "--kernel", "box"], "kernel tent");
-    let output = mcvr(&["sample", "phantom:lobster@24", "--method", "footprint", "-o", &out]);
+    let cloud = format!("{out}.mcvr");
+    let output = mcvr(&["sample", "phantom:lobster@24", "--method", "footprint", "-o", &cloud]);
     assert!(String::from_utf8_lossy(&output.stderr).contains("adds whole voxels"), "{output:?}");
     let output =
         mcvr(&[&["cost", "--methods", "footprint,rays", "--repeats", "2", "--longest", "0.01"], &scene[..]].concat());

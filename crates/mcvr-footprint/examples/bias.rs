@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use std::time::Instant;
 
 use glam::DVec3;
-use mcvr_footprint::{FootprintOptions, footprints, footprints_in_all, predicted_error};
+use mcvr_footprint::{FootprintOptions, Refine, footprints, footprints_in_all, predicted_error};
 use mcvr_raycast::{ReferenceOptions, reference};
 use mcvr_scene::{Camera, Density, DensityMap, Estimand, Extent, Image, View, Watch};
 use mcvr_volume::{Grid, Volume};
@@ -49,7 +49,7 @@ fn field(kind: &str, dims: [usize; 3], spacing: [f64; 3]) -> Outcome<Density> {
     Ok(Density::new(&Volume::from_vec(Grid::with_spacing(dims, spacing)?, voxels, kind)?, DensityMap::default())?)
 }
 
-fn measured(name: &str, density: &Density, view: &View, extent: Extent, refine: &[Option<u32>]) -> Outcome<()> {
+fn measured(name: &str, density: &Density, view: &View, extent: Extent, refine: &[Refine]) -> Outcome<()> {
     let grid = density.volume().grid();
     let camera = Camera::look(view, grid, extent)?;
     let options = ReferenceOptions { estimand: Estimand::Line, tolerance: 1e-4, ..ReferenceOptions::default() };
@@ -85,7 +85,7 @@ fn main() -> Outcome<()> {
     let inputs: Vec<String> = std::env::args().skip(1).collect();
     for input in &inputs {
         let density = Density::new(&mcvr_volume::load(input, None)?.volume, DensityMap::default())?;
-        measured(input, &density, &View::default(), Extent::new(400, 400)?, &[None])?;
+        measured(input, &density, &View::default(), Extent::new(400, 400)?, &[Refine::Cubic(1)])?;
     }
     if !inputs.is_empty() {
         return Ok(());
@@ -100,14 +100,26 @@ fn main() -> Outcome<()> {
                 for (n, pixels) in [(96, 50), (48, 80), (32, 100), (24, 160), (16, 200), (12, 300)] {
                     let density = field(kind, [n; 3], [1.0; 3])?;
                     let name = format!("{kind}, {name}{}", if parallel { ", parallel" } else { "" });
-                    measured(&name, &density, &view, Extent::new(pixels, pixels)?, &[None, Some(2)])?;
+                    measured(
+                        &name,
+                        &density,
+                        &view,
+                        Extent::new(pixels, pixels)?,
+                        &[Refine::Cubic(1), Refine::Each(2)],
+                    )?;
                 }
             }
         }
         for spacing in [[0.7, 1.0, 1.6], [1.0, 1.0, 1.2], [1.0, 1.0, 3.0]] {
             let density = field(kind, [32, 30, 24], spacing)?;
             let name = format!("{kind}, spacing {spacing:?}");
-            measured(&name, &density, &oblique, Extent::new(100, 100)?, &[Some(1), None, Some(2)])?;
+            measured(
+                &name,
+                &density,
+                &oblique,
+                Extent::new(100, 100)?,
+                &[Refine::Each(1), Refine::Cubic(1), Refine::Each(2)],
+            )?;
         }
     }
     Ok(())

@@ -39,4 +39,4 @@ pub use error::FootprintError;
 pub use image::{FootprintImage, LookFootprints, footprints, footprints_with_look};
 pub use law::{footprints_in_all, footprints_of_a_voxel, predicted_error, sums_bytes};
 pub use mcvr_scene::Watch;
-pub use options::FootprintOptions;
+pub use options::{FootprintOptions, Refine};

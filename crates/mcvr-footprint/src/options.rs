@@ -5,6 +5,30 @@ use mcvr_volume::{Grid, SimdLevel};
 
 use crate::FootprintError;
 
+/// Into how many parts a voxel falls. A tent is a sum of narrower tents exactly, `2 n - 1` of them along an axis, whose footprints err less,
+/// and all of which are added.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refine {
+    /// So many along the shortest side, and along the others as many as make the parts about cubic.
+    Cubic(u32),
+    /// So many along each axis.
+    Each(u32),
+}
+
+impl Default for Refine {
+    fn default() -> Self {
+        Self::Cubic(1)
+    }
+}
+
+impl Refine {
+    /// Parts along the shortest side.
+    pub(crate) fn number(self) -> u32 {
+        let (Self::Cubic(n) | Self::Each(n)) = self;
+        n
+    }
+}
+
 /// How to add footprints.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FootprintOptions {
@@ -12,9 +36,8 @@ pub struct FootprintOptions {
     pub kernel: Kernel,
     /// What a pixel means (METHOD section 2).
     pub estimand: Estimand,
-    /// Parts of a voxel along each axis; `None` for as many as make the parts about cubic, 1 for a cubic grid. A tent is a sum of
-    /// narrower tents exactly, `2 n - 1` of them along an axis, whose footprints err less, and all of which are added.
-    pub refine: Option<u32>,
+    /// Parts of a voxel: more err less.
+    pub refine: Refine,
     /// Vector instructions; `None` for the best there are. All give the same bits.
     pub level: Option<SimdLevel>,
 }
@@ -34,7 +57,8 @@ impl FootprintOptions {
         if self.kernel != Kernel::Tent {
             return Err(FootprintError::Kernel(self.kernel));
         }
-        if let Some(given) = self.refine.filter(|n| !(1..=Self::REFINE_LIMIT).contains(n)) {
+        let given = self.refine.number();
+        if !(1..=Self::REFINE_LIMIT).contains(&given) {
             return Err(FootprintError::Refine { given, limit: Self::REFINE_LIMIT });
         }
         let dims = grid.dims();

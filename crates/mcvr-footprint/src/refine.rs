@@ -2,7 +2,7 @@
 
 use mcvr_volume::Grid;
 
-use crate::FootprintOptions;
+use crate::{FootprintOptions, Refine};
 
 /// Parts along each axis.
 pub(crate) type Parts = [u32; 3];
@@ -14,14 +14,15 @@ pub(crate) struct Tap {
     pub share: f32,
 }
 
-/// As many parts along each axis as the options say, or as make the parts' sides about equal.
+/// As many parts along each axis as the options say.
 pub(crate) fn parts(grid: &Grid, options: &FootprintOptions) -> Parts {
-    if let Some(n) = options.refine {
-        return [n; 3];
-    }
+    let n = match options.refine {
+        Refine::Each(n) => return [n; 3],
+        Refine::Cubic(n) => f64::from(n),
+    };
     let spacing = grid.spacing();
     let limit = f64::from(FootprintOptions::REFINE_LIMIT);
-    spacing.to_array().map(|h| (h / spacing.min_element() - SLACK).ceil().clamp(1.0, limit) as u32)
+    spacing.to_array().map(|h| (n * h / spacing.min_element() - SLACK).ceil().clamp(1.0, limit) as u32)
 }
 
 /// How much longer than the shortest a side may be without being refined.
@@ -67,6 +68,8 @@ mod tests {
         let parts = |h: [f64; 3]| parts(&Grid::with_spacing([2, 2, 2], h).unwrap(), &FootprintOptions::default());
         assert_eq!(parts([1.0, 1.0, 1.0]), [1, 1, 1]);
         assert_eq!(parts([0.7, 1.0, 1.6]), [1, 2, 3]);
+        let options = FootprintOptions { refine: Refine::Cubic(2), ..FootprintOptions::default() };
+        assert_eq!(super::parts(&Grid::with_spacing([2, 2, 2], [0.7, 0.7, 1.6]).unwrap(), &options), [2, 2, 5]);
         assert_eq!(parts([1.0, 1.0, 1000.0]), [1, 1, FootprintOptions::REFINE_LIMIT]);
     }
 }

@@ -4,7 +4,7 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use glam::{DMat3, DQuat, DVec3};
-use mcvr_footprint::{FootprintError, FootprintOptions, footprints, footprints_in_all, predicted_error};
+use mcvr_footprint::{FootprintError, FootprintOptions, Refine, footprints, footprints_in_all, predicted_error};
 use mcvr_raycast::{ReferenceOptions, reference};
 use mcvr_scene::{Camera, Density, DensityMap, Estimand, Extent, Image, Kernel, Transfer, View, Watch};
 use mcvr_volume::{Grid, SimdLevel, Volume, Voxel};
@@ -106,8 +106,8 @@ fn parts_make_up_for_voxels_that_are_no_cubes() {
             let truth = truth(&density, &camera, Estimand::Line);
             let options = |refine| FootprintOptions { refine, ..Default::default() };
             let off = |refine| error(&made(&density, &camera, &options(refine)), &truth);
-            let stated = predicted_error(&density, &camera, &options(None));
-            let (one, parts, two) = (off(Some(1)), off(None), off(Some(2)));
+            let stated = predicted_error(&density, &camera, &options(Refine::Cubic(1)));
+            let (one, parts, two) = (off(Refine::Each(1)), off(Refine::Cubic(1)), off(Refine::Each(2)));
             assert!(
                 parts < one && parts < 2.0 * stated && two < 0.5 * one,
                 "{kind} {n}: {one} {parts} {two}, {stated}"
@@ -127,7 +127,7 @@ fn the_whole_mass_of_one_voxel_lands() {
         for parallel in [false, true] {
             for side in [5, 40, 700] {
                 let camera = camera(&density, &View { parallel, ..OBLIQUE }, side);
-                for refine in [None, Some(1)] {
+                for refine in [Refine::Cubic(1), Refine::Each(1)] {
                     let options = FootprintOptions { estimand: Estimand::Count, refine, ..Default::default() };
                     let sum = made(&density, &camera, &options).sum();
                     assert!((sum - 1.0).abs() < 1e-6, "{side} {refine:?}: {sum}");
@@ -253,7 +253,7 @@ fn unusable_input_is_refused_in_words() {
         assert!(text.contains(kernel.name()) && text.contains("tent"), "{text}");
     }
     for refine in [0, 9] {
-        let text = refused(FootprintOptions { refine: Some(refine), ..Default::default() });
+        let text = refused(FootprintOptions { refine: Refine::Each(refine), ..Default::default() });
         assert!(text.contains(&format!("got {refine}")) && text.contains("1 to 8"), "{text}");
     }
     let long = Grid::with_spacing([(1 << 24) + 1, 1, 1], [1.0; 3]).unwrap();

@@ -42,7 +42,7 @@ impl Rays {
     }
 
     /// Factors on a value and its neighbours along an axis, for every pixel along the side of a block.
-    fn taps(self) -> Vec<[f64; 5]> {
+    pub fn taps(self) -> Vec<[f64; 5]> {
         match self {
             Rays::Block(side) if side > 1 => (0..side).map(|n| part(n, side)).collect(),
             Rays::Grid(_) | Rays::Block(_) => {
@@ -109,46 +109,18 @@ pub(crate) fn noise(rays: Rays) -> f64 {
     taps.iter().flatten().map(|t| t * t).sum::<f64>() / taps.len() as f64
 }
 
+/// A pixel's mean along an axis from five values, or means of `n` of them a pixel: its own and those of its neighbours at one and two pixels.
+pub(crate) fn mean_of_pixel(v: &[f64], n: u32) -> f64 {
+    let [c0, c1, c2] = stencil(f64::from(n));
+    c0 * v[2] + c1 * (v[1] + v[3]) + c2 * (v[0] + v[4])
+}
+
 /// Mean square of what averaging along a line of pixels by one value a pixel leaves, judged by three values a pixel: those at a third of a
 /// pixel before, in, and after the centres. Of at least five pixels.
-pub(crate) fn left(lines: [&[f64]; 3]) -> f64 {
-    let mean = |n: u32, v: &dyn Fn(usize) -> f64, i: usize| {
-        let [c0, c1, c2] = stencil(f64::from(n));
-        c0 * v(i) + c1 * (v(i - 1) + v(i + 1)) + c2 * (v(i - 2) + v(i + 2))
-    };
-    let inner = 2..lines[1].len() - 2;
-    let of = inner.len() as f64;
-    let one = |i: usize| lines[1][i];
-    let three = |i: usize| (lines[0][i] + lines[1][i] + lines[2][i]) / 3.0;
-    inner.map(|i| (mean(1, &one, i) - mean(3, &three, i)).powi(2)).sum::<f64>() / of
-}
-
-/// How an image bends along a line of pixels: mean squares.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Bends {
-    /// Of the first two terms of the difference between mean and value, of second and of fourth differences.
-    pub terms: [f64; 2],
-    /// Of what a value differs from the one that a cubic through its neighbours at one and three pixels tells, as for every second
-    /// pixel; and from that through its neighbours at one and two.
-    pub halves: [f64; 2],
-}
-
-impl Bends {
-    /// Of a line of at least seven values.
-    pub fn of(v: &[f64]) -> Self {
-        let mean = |sum: f64, of: usize| sum / of as f64;
-        let n = v.len();
-        let second = |i: usize| (v[i - 1] - 2.0 * v[i] + v[i + 1]) / 24.0;
-        let fourth = |i: usize| v[i - 2] - 4.0 * v[i - 1] + 6.0 * v[i] - 4.0 * v[i + 1] + v[i + 2];
-        let half = |i: usize| v[i] - (9.0 * (v[i - 1] + v[i + 1]) - (v[i - 3] + v[i + 3])) / 16.0;
-        let squares = |range: std::ops::Range<usize>, f: &dyn Fn(usize) -> f64| {
-            mean(range.clone().map(|i| f(i).powi(2)).sum(), range.len())
-        };
-        Self {
-            terms: [squares(1..n - 1, &second), squares(2..n - 2, &|i| fourth(i) * 17.0 / 5760.0)],
-            halves: [squares(3..n - 3, &half), squares(2..n - 2, &|i| fourth(i) / 6.0)],
-        }
-    }
+pub(crate) fn left([before, at, after]: [&[f64]; 3]) -> f64 {
+    let three: Vec<f64> = at.iter().zip(before.iter().zip(after)).map(|(v, (a, b))| (v + a + b) / 3.0).collect();
+    let squares = at.windows(5).zip(three.windows(5)).map(|(o, t)| (mean_of_pixel(o, 1) - mean_of_pixel(t, 3)).powi(2));
+    squares.sum::<f64>() / (at.len() - 4) as f64
 }
 
 #[cfg(test)]

@@ -1,13 +1,12 @@
-//! A look at a few tiles of an image, to know what errors rays would leave before they are cast.
+//! A look at some places of an image, to know what errors rays would leave before they are cast.
 
 use mcvr_scene::{Camera, Density, Estimand, Extent, Watch};
 use rand::RngExt;
 use rand_pcg::Pcg64Dxsm;
 use serde::Serialize;
 
-use crate::average::{self, Bends, Rays};
-use crate::packet::{Along, Cast, Job, Lines, Look, Packets, Strip, TILE};
-use crate::points::Points;
+use crate::average::{self, Rays};
+use crate::packet::{Along, Cast, Job, LANES, Look, Packets, Seen, Strip, TILE};
 use crate::{Counters, RaycastError};
 
 /// What a pilot found out. Errors are RMSE over the whole image, as shares of its mean pixel; they are of rays through the pixels'
@@ -16,25 +15,21 @@ use crate::{Counters, RaycastError};
 pub struct Pilot {
     /// Tiles of 8 by 8 pixels whose rays can meet density; rays are cast in no others.
     pub tiles: u64,
-    /// Those of which two lines of pixels were looked at.
+    /// Lines of pixels that were looked at, each in a tile of its own where there are enough.
     pub looked_at: u64,
     /// Pixels of the image.
     pub pixels: u64,
-    /// Mean pixel, from the tiles looked at.
+    /// Mean pixel, from the lines looked at.
     pub mean: f64,
-    /// What averaging over the pixels changes, of the first order (second differences).
-    pub bend: f64,
-    /// The same of the second order (fourth differences).
-    pub bend_twice: f64,
     /// What averaging over the pixels leaves, where that was looked at: not where blocks of pixels can share a ray.
     pub left: Option<f64>,
-    /// By how much a pixel differs from what its neighbours at one and three pixels tell of it, along a line, and those at one and two.
-    pub halves: [f64; 2],
+    /// What one exact ray for blocks of 2 by 2 and of 4 by 4 pixels leaves.
+    pub blocks: [f64; 2],
     /// Distance of a comb's samples in units of the smallest voxel spacing, and the error that a comb leaves along the rays.
     pub combs: Vec<(f64, f64)>,
     /// Samples at a distance of 1 a ray, where rays are cast.
     pub steps: f64,
-    /// Cells integrated exactly a ray, where rays are cast.
+    /// Cells integrated exactly a ray, where rays are cast; of a quick look what is usual for the samples.
     pub cells: f64,
     /// Work of the pilot itself.
     pub counters: Counters,
@@ -51,22 +46,24 @@ impl Pilot {
         average::noise(Rays::Block(side)) / average::noise(Rays::Grid(1))
     }
 
-    /// Looks at two lines of pixels in up to `tiles` tiles of the image of `tent`, chosen at random by `seed`; `None` where rays are not cast in packets. Errors
-    /// far below `enough` are of no interest. The same numbers for any number of threads.
+    /// Looks at lines of pixels in up to `tiles` tiles of the image of `tent`, chosen at random by `seed`; `None` where rays are not cast
+    /// in packets. Errors far below `wanted` are of no interest. The same numbers for any number of threads.
     ///
     /// # Errors
-    /// [`RaycastError::Cancelled`] when `watch` said so.
+    /// [`RaycastError::Cancelled`] when `watch` said so, [`RaycastError::Image`] for an image that is too large.
     pub fn look(
         density: &Density,
         camera: &Camera,
         estimand: Estimand,
-        (tiles, enough): (usize, f64),
+        (tiles, wanted): (usize, f64),
         seed: u64,
         watch: &Watch,
     ) -> Result<Option<Self>, RaycastError> {
         let spacing = density.volume().grid().spacing().min_element();
-        let sight = Sight { tiles, enough, seed, spacing, extent: camera.extent() };
-        let pilot = Packets::new(density).look(camera, estimand, watch, sight);
+        let sight = Sight { tiles, wanted, seed, spacing, extent: camera.extent() };
+        // Lines reach by up to a tile beyond the pixels.
+        let wide = camera.in_blocks(1, TILE).map_err(|e| RaycastError::Image(e.to_string()))?;
+        let pilot = Packets::new(density).look(&wide, estimand, watch, sight);
         if watch.cancelled() { Err(RaycastError::Cancelled) } else { Ok(pilot) }
     }
 }
@@ -74,113 +71,224 @@ impl Pilot {
 /// What a pilot is to look at.
 struct Sight {
     tiles: usize,
-    enough: f64,
+    wanted: f64,
     seed: u64,
     spacing: f64,
+    /// Of the image, around which there is a margin of a tile.
     extent: Extent,
 }
 
-/// The bits of a number of up to 32 bits, every second one: of two of them a number along a Z-shaped curve through the plane is made.
-fn spread(v: usize) -> u64 {
-    (0..32).fold(0, |all, bit| all | ((v as u64 >> bit & 1) << (2 * bit)))
+/// Places along a line: the centres of eight pixels, and the rays of five blocks of two and of four pixels around the same middle.
+#[rustfmt::skip]
+const LINE: [f64; LANES] =
+    [-3.5, -2.5, -1.5, -0.5, 0.5, 1.5, 2.5, 3.5, -8.0, -4.0, -2.0, 0.0, 2.0, 4.0, 8.0, -6.0];
+
+/// Lanes of the rays of five blocks of 2, and of 4 pixels.
+const BLOCKS: [(u32, [usize; 5]); 2] = [(2, [9, 10, 11, 12, 13]), (4, [8, 9, 11, 13, 14])];
+
+/// Pixels whose centres [`LINE`] holds.
+const CENTRES: usize = 8;
+
+/// Places a third of a pixel before and after the same eight centres.
+const SIDES: [f64; LANES] = {
+    let mut places = [0.0; LANES];
+    let mut n = 0;
+    while n < CENTRES {
+        places[n] = LINE[n] - 1.0 / 3.0;
+        places[n + CENTRES] = LINE[n] + 1.0 / 3.0;
+        n += 1;
+    }
+    places
+};
+
+/// Cells that a ray crosses for every sample at a distance of 1: 1 along an axis, √3 along a diagonal.
+const CELLS: f64 = 1.5;
+
+/// The number whose bits are every second one of a number's.
+fn every_second_bit(code: u64) -> usize {
+    let shifts =
+        [0x3333_3333_3333_3333, 0x0f0f_0f0f_0f0f_0f0f, 0x00ff_00ff_00ff_00ff, 0x0000_ffff_0000_ffff, 0xffff_ffff];
+    let first = code & 0x5555_5555_5555_5555;
+    // At most 32 bits.
+    shifts.iter().enumerate().fold(first, |v, (n, mask)| (v | v >> (1 << n)) & mask) as usize
+}
+
+/// Tiles inside of a margin of one that are among the given ones or beside one of them, along a Z-shaped curve through the plane, so that
+/// neighbours are near each other.
+fn beside(tiles: &[(usize, usize)], [columns, rows]: [usize; 2]) -> Vec<(usize, usize)> {
+    let side = (columns.max(rows) + 2).next_power_of_two();
+    let mut among = vec![false; side * side];
+    for (x, y) in tiles {
+        for y in y.saturating_sub(1)..(y + 2).min(side) {
+            for x in x.saturating_sub(1)..(x + 2).min(side) {
+                among[y * side + x] |= (1..=columns).contains(&x) && (1..=rows).contains(&y);
+            }
+        }
+    }
+    let all = (0..(side * side) as u64).map(|code| (every_second_bit(code), every_second_bit(code >> 1)));
+    all.filter(|(x, y)| among[y * side + x]).collect()
+}
+
+/// What a line's rays tell of blocks of pixels: mean squares of their errors.
+fn of_blocks(line: &[f64; LANES]) -> [f64; 2] {
+    let inner = 2..CENTRES - 2;
+    let truth: Vec<f64> = inner.map(|i| average::mean_of_pixel(&line[i - 2..=i + 2], 1)).collect();
+    BLOCKS.map(|(side, lanes)| {
+        let taps = Rays::Block(side).taps();
+        let first = (truth.len() - taps.len()) / 2;
+        let told = |taps: &[f64; 5]| taps.iter().zip(lanes).map(|(t, l)| t * line[l]).sum::<f64>();
+        let square = |(t, truth): (&[f64; 5], &f64)| (told(t) - truth).powi(2);
+        taps.iter().zip(&truth[first..]).map(square).sum::<f64>() / f64::from(side)
+    })
 }
 
 impl Look for Sight {
     type Out = Pilot;
 
     fn run(self, full: &[(usize, usize)], cast: &Cast<'_>) -> Pilot {
-        let Self { tiles, enough, seed, spacing, extent: Extent { width, height } } = self;
+        let Self { tiles, wanted, seed, spacing, extent: Extent { width, height } } = self;
         let pixels = width * height;
+        let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
         let mut random = Pcg64Dxsm::new(u128::from(seed), 0x7069_6c6f);
-        // Lines that the image's edge cuts would look bent; where all are cut, so be it.
-        let whole: Vec<(usize, usize)> =
-            full.iter().copied().filter(|t| (t.0 + 1) * TILE <= width && (t.1 + 1) * TILE <= height).collect();
-        let mut from = if whole.is_empty() { full.to_vec() } else { whole };
-        // One of each run of neighbours, so that no part of the image is left out.
-        from.sort_by_key(|(column, row)| spread(*column) | spread(*row) << 1);
-        let number = tiles.min(from.len());
-        let one = |n: usize| from[random.random_range(n * from.len() / number..(n + 1) * from.len() / number)];
-        let chosen: Vec<(usize, usize)> = (0..number).map(one).collect();
-        let strip = |(n, tile): (usize, (usize, usize))| Strip { tile, upright: n % 2 == 1 };
-        let chosen: Vec<Strip> = chosen.into_iter().enumerate().map(strip).collect();
-        let points = |by: f64| {
-            let one = || Points::new(1, false, false, seed);
-            [one().moved([by, 0.0]), one().moved([0.0, by])]
-        };
-        let comb = |distance: f64| {
-            let one = || Points::new(1, false, true, seed);
-            Job { along: Along::Comb(distance * spacing), points: [one(), one()] }
-        };
-        let exact = |by: f64| Job { along: Along::Exact, points: points(by) };
-        // The ways that are wanted for sure go strip by strip; those that turn out to be wanted go over the strips once more.
-        let quick = enough > 0.01;
-        let few = if quick { &[4.0, 8.0, 16.0][..] } else { &[1.0, 2.0, 4.0, 8.0][..] };
-        let sides = || [-1.0 / 3.0, 1.0 / 3.0].map(exact);
-        let mut jobs: Vec<Job> = vec![exact(0.0)];
-        jobs.extend(few.iter().map(|d| comb(*d)));
-        if !quick {
-            jobs.extend(sides());
-        }
-        let (lines, work) = cast(&jobs, &chosen);
+        let inside = |(x, y): &&(usize, usize)| (1..=columns).contains(x) && (1..=rows).contains(y);
+        let full_inside = full.iter().filter(inside).count();
+        // One of each run of neighbours, so that no part of the image is left out. A line reaches a tile beyond its own.
+        let inner = beside(full, [columns, rows]);
+        let number = tiles.min(inner.len());
+        let strips: Vec<Strip> = (0..number)
+            .map(|n| {
+                let tile = inner[random.random_range(n * inner.len() / number..(n + 1) * inner.len() / number)];
+                let upright = n % 2 == 1;
+                // The line's middle lies between two pixels, the line in the middle of a row of pixels.
+                let mut at = |tile: usize, along: bool| {
+                    (tile * TILE + random.random_range(0..TILE)) as f64 + if along { 0.0 } else { 0.5 }
+                };
+                Strip { middle: [at(tile.0, !upright), at(tile.1, upright)], upright }
+            })
+            .collect();
+        let mut phases = || -> Vec<[f64; LANES]> { strips.iter().map(|_| random.random()).collect() };
+        let mut comb = |distance: f64| Job { along: Along::Comb(distance * spacing), places: LINE, phases: phases() };
+        let exact = |places| Job { along: Along::Exact, places, phases: vec![[0.5; LANES]; number] };
         let mut counters = Counters::default();
-        work.iter().for_each(|w| counters += *w);
-        let (exact_work, mut steps) = (work[0], work[1].evaluations as f64 * few[0]);
-        let number = (2 * TILE * lines.len()).max(1) as f64;
-        let truth = || lines.iter().flat_map(|s| s[0].iter().flatten());
-        // From a mean over the tiles looked at to one over the image: the others are dark.
-        let share = ((full.len() * TILE * TILE) as f64 / pixels as f64).min(1.0);
-        let mean = share * truth().sum::<f64>() / number;
-        let rms = |square: f64| (share * square).sqrt() / mean;
-        let error = |lines: &[Vec<Lines>], job: usize| {
-            let pairs = lines.iter().flat_map(|s| s[job].iter().flatten()).zip(truth());
-            average::noise(Rays::Grid(1)) * rms(pairs.map(|(c, e)| (c - e) * (c - e)).sum::<f64>() / number)
-        };
-        let mut combs: Vec<(f64, f64)> = few.iter().enumerate().map(|(n, d)| (*d, error(&lines, n + 1))).collect();
-        // Terms of both axes add up; each was looked at along half of the lines.
-        let share_of_line = 1.0 / (2 * lines.len()).max(1) as f64;
-        let mut bends = Bends::default();
-        for line in lines.iter().flat_map(|s| s[0]) {
-            let b = Bends::of(&line);
-            for n in 0..2 {
-                bends.terms[n] += 2.0 * b.terms[n] * share_of_line;
-                bends.halves[n] += b.halves[n] * share_of_line;
-            }
-        }
-        let [bend, bend_twice] = bends.terms.map(rms);
-        let halves = bends.halves.map(rms);
-        let left_by = |sides: &[Vec<Lines>], first: usize| {
-            let all = lines.iter().zip(sides).flat_map(|(s, sides)| {
-                [0, 1].map(|line: usize| average::left([&sides[first][line], &s[0][line], &sides[first + 1][line]]))
-            });
-            rms(2.0 * share_of_line * all.sum::<f64>())
-        };
-        let mut left = None;
-        if !quick {
-            left = Some(left_by(&lines, few.len() + 1));
-        } else if halves[0] > enough || combs[0].1 > enough {
-            let finer = [1.0, 2.0];
-            let mut jobs: Vec<Job> = sides().into();
-            jobs.extend(finer.map(comb));
-            let (more, work) = cast(&jobs, &chosen);
+        let mut run = |jobs: &[Job]| {
+            let (seen, work) = cast(jobs, &strips);
             work.iter().for_each(|w| counters += *w);
-            steps = work[2].evaluations as f64 * finer[0];
-            combs.splice(0..0, finer.iter().enumerate().map(|(n, d)| (*d, error(&more, n + 2))));
-            left = Some(left_by(&more, 0));
+            seen
+        };
+        // What is to be told from noise: a comb so dense that its own error is small beside the one asked for, or exact rays.
+        let (finest, coarse): (f64, &[f64]) = match wanted {
+            w if w > 0.03 => (2.0, &[6.0, 16.0]),
+            w if w > 0.01 => (1.0, &[3.0, 8.0]),
+            _ => (0.0, &[1.0, 2.0, 4.0, 8.0]),
+        };
+        let mut jobs = vec![if finest > 0.0 { comb(finest) } else { exact(LINE) }];
+        jobs.extend(coarse.iter().map(|d| comb(*d)));
+        if finest == 0.0 {
+            jobs.push(exact(SIDES));
         }
-        let rays = exact_work.rays.max(1) as f64;
+        let mut seen = run(&jobs);
+        let lanes = (LANES * number).max(1) as f64;
+        // From means over these tiles to those over the image: the others are dark.
+        let share = ((inner.len() * TILE * TILE) as f64 / pixels as f64).min(1.0);
+        let lines = || seen.iter().map(|s| &s[0].values);
+        let mean = share * lines().flatten().sum::<f64>() / lanes;
+        let rms = |square: f64| if mean > 0.0 { (share * square).sqrt() / mean } else { 0.0 };
+        let per_line = 1.0 / number.max(1) as f64;
+        let error = |seen: &[Vec<Seen>], job: usize| {
+            let all = seen.iter().flat_map(|s| s[job].values.iter().zip(&s[0].values));
+            average::noise(Rays::Grid(1)) * rms(all.map(|(c, e)| (c - e) * (c - e)).sum::<f64>() / lanes)
+        };
+        let errors = |seen: &[Vec<Seen>], of: &[f64]| -> Vec<(f64, f64)> {
+            of.iter().enumerate().map(|(n, d)| (*d, error(seen, n + 1))).collect()
+        };
+        // Terms of both axes add up; each was looked at along half of the lines.
+        let blocks = |seen: &[Vec<Seen>]| {
+            let squares =
+                seen.iter().map(|s| of_blocks(&s[0].values)).fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
+            squares.map(|s| rms(2.0 * per_line * s))
+        };
+        let left = |seen: &[Vec<Seen>], job: usize| {
+            let one = |s: &Vec<Seen>| {
+                let (before, after) = s[job].values.split_at(CENTRES);
+                average::left([before, &s[0].values[..CENTRES], after])
+            };
+            rms(2.0 * per_line * seen.iter().map(one).sum::<f64>())
+        };
+        // Rays visit the depths of all tiles that their line meets; those of an image visit their own tile's.
+        let lit = (LANES * seen.iter().filter(|s| s[0].share > 0.0).count()).max(1) as f64;
+        let a_ray = |seen: &[Vec<Seen>], job: usize, of: fn(&Seen) -> u64| {
+            seen.iter().map(|s| of(&s[job]) as f64 * s[job].share).sum::<f64>() / lit
+        };
+        let mut steps = a_ray(&seen, 1, |s| s.samples) * coarse[0];
+        let mut found = (errors(&seen, coarse), blocks(&seen), None, CELLS * steps);
+        if finest == 0.0 {
+            found.2 = Some(left(&seen, coarse.len() + 1));
+            found.3 = a_ray(&seen, 0, |s| s.cells);
+        } else if found.1[0] > wanted || found.0[0].1 > 0.5 * wanted {
+            let finer = [1.0, 2.0];
+            let mut jobs = vec![exact(LINE)];
+            jobs.extend(finer.map(&mut comb));
+            jobs.push(exact(SIDES));
+            let more = run(&jobs);
+            let coarser = found.0.into_iter().filter(|(d, _)| *d > 2.0);
+            found = (
+                errors(&more, &finer).into_iter().chain(coarser).collect(),
+                blocks(&more),
+                Some(left(&more, 3)),
+                a_ray(&more, 0, |s| s.cells),
+            );
+            steps = a_ray(&more, 1, |s| s.samples) * finer[0];
+            seen = more;
+        }
+        let (combs, blocks, left, cells) = found;
         Pilot {
-            tiles: full.len() as u64,
-            looked_at: chosen.len() as u64,
+            tiles: full_inside as u64,
+            looked_at: seen.len() as u64,
             pixels: pixels as u64,
             mean,
-            bend,
-            bend_twice,
             left,
-            halves,
+            blocks,
             combs,
-            steps: steps / rays,
-            cells: exact_work.cells as f64 / rays,
+            steps,
+            cells,
             counters,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tiles_beside_tiles_come_along_a_curve() {
+        // Columns 1 to 5 and rows 1 to 3 are inside.
+        let full = [(0, 0), (6, 4), (4, 2)];
+        let tiles = beside(&full, [5, 3]);
+        let mut sorted = tiles.clone();
+        sorted.sort_unstable();
+        assert_eq!(sorted, [(1, 1), (3, 1), (3, 2), (3, 3), (4, 1), (4, 2), (4, 3), (5, 1), (5, 2), (5, 3)]);
+        let code =
+            |(x, y): &(usize, usize)| (0..8).fold(0, |c, b| c | (x >> b & 1) << (2 * b) | (y >> b & 1) << (2 * b + 1));
+        assert!(tiles.is_sorted_by_key(code));
+        assert!(
+            (0..70_000)
+                .all(|c| code(&(every_second_bit(c) & 255, every_second_bit(c >> 1) & 255)) == c as usize & 0xffff)
+        );
+    }
+
+    /// A line of a polynomial of degree 4 is told exactly by blocks; a spike is not.
+    #[test]
+    fn blocks_are_judged_by_their_pixels() {
+        let mean = |x: f64| {
+            let whole = |x: f64| x.powi(5) / 5.0 - x.powi(3) / 3.0 + x;
+            whole(x + 0.5) - whole(x - 0.5)
+        };
+        let value = |x: f64| x.powi(4) - x * x + 1.0;
+        assert!((average::mean_of_pixel(&[-2.0, -1.0, 0.0, 1.0, 2.0].map(value), 1) - mean(0.0)).abs() < 1e-12);
+        let smooth = of_blocks(&LINE.map(value));
+        assert!(smooth.iter().all(|e| *e < 1e-18), "{smooth:?}");
+        let spike = of_blocks(&LINE.map(|x| if x == 0.5 { 1.0 } else { 0.0 }));
+        assert!(spike[0] > 0.4 && spike[1] > 0.2, "{spike:?}");
     }
 }

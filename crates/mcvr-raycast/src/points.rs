@@ -42,15 +42,6 @@ impl Points {
         Self { places, stratum, move_places: !grid, move_phases: random_phase, seed, shift: unit(mix(seed)) }
     }
 
-    /// The same, moved by a part of a pixel.
-    pub fn moved(mut self, [dx, dy]: [f64; 2]) -> Self {
-        for place in &mut self.places {
-            place[0] += dx;
-            place[1] += dy;
-        }
-        self
-    }
-
     pub fn rays(&self) -> u32 {
         // Made from a `u32`.
         self.places.len() as u32

@@ -101,6 +101,7 @@ const PHANTOMS: [&str; 8] = [
 ];
 
 fn main() -> Result<(), Failure> {
+    mcvr::keep_freed_memory();
     let mut args = std::env::args().skip(1);
     let usage = "usage: regret DATA_DIR [--markdown FILE] [--json FILE] [--repeats N] [--only PART]";
     let folder = PathBuf::from(args.next().ok_or(usage)?);

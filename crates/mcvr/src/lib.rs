@@ -35,6 +35,7 @@ pub mod hardcases;
 mod make;
 mod matrix_file;
 mod measured;
+mod memory;
 mod method;
 pub mod plan;
 mod refine;
@@ -47,6 +48,7 @@ pub use entrants::{Contestant, Timed};
 pub use make::{Made, MakeError, Request, Scenery, make, make_first, make_of};
 pub use matrix_file::{MatrixFileError, read_matrix};
 pub use measured::Measured;
+pub use memory::keep_freed_memory;
 pub use method::Method;
 pub use refine::{MadeRefined, Refinement, refine};
 pub use scene_file::{

@@ -67,28 +67,38 @@ impl<'a> Packets<'a> {
     }
 }
 
-/// Two lines of pixels through the middle of a tile: a packet of rays.
+/// A straight line of places in an image, along one of its axes: a packet of rays for every [`Job`].
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Strip {
-    /// Column and row of the tile.
-    pub tile: (usize, usize),
-    /// Whether the lines go down the image rather than across it.
+    /// Point from which places are told, in pixels.
+    pub middle: [f64; 2],
+    /// Whether the line goes down the image rather than across it.
     pub upright: bool,
 }
 
-/// The lines' values, 0 beyond the image's edge.
-pub(crate) type Lines = [[f64; TILE]; 2];
-
-/// One way to cast a strip.
+/// One way to cast strips.
 pub(crate) struct Job {
     pub along: Along,
-    /// Of strips across the image, and of upright ones.
-    pub points: [Points; 2],
+    /// Places of the rays along the line, from its middle, in pixels.
+    pub places: [f64; LANES],
+    /// Phases of the samples, of every strip.
+    pub phases: Vec<[f64; LANES]>,
 }
 
-/// Casts strips in several ways: the lines of every job of every strip, and the work of every job. All jobs of a strip are done in turn, while
+/// What a strip's rays told.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Seen {
+    pub values: [f64; LANES],
+    /// Depths with density in the tile of the line's middle, as a share of those in all tiles that the line meets, which all its rays visit.
+    pub share: f64,
+    /// Samples of a comb, and cells integrated exactly.
+    pub samples: u64,
+    pub cells: u64,
+}
+
+/// Casts strips in several ways: what every job saw of every strip, and the work of every job. All jobs of a strip are done in turn, while
 /// its voxels are at hand.
-pub(crate) type Cast<'a> = dyn Fn(&[Job], &[Strip]) -> (Vec<Vec<Lines>>, Vec<Counters>) + 'a;
+pub(crate) type Cast<'a> = dyn Fn(&[Job], &[Strip]) -> (Vec<Vec<Seen>>, Vec<Counters>) + 'a;
 
 /// Code that looks at strips of an image.
 pub(crate) trait Look {
@@ -132,25 +142,16 @@ impl<'a, 'w, T: Voxel, W: Weights<T>> Ready<'a, 'w, T, W> {
         Optics::new(&self.view, &self.tiles, spacing)
     }
 
-    /// Casts a part of the tiles of some columns of a row of tiles into rows of pixels, which begin at the first column's and are
-    /// `stride` long.
-    fn cast(
-        &self,
-        (along, optics, points): (Along, &Optics, &Points),
-        part: Part,
-        row: usize,
-        columns: Range<usize>,
-        (out, stride): (&mut [f64], usize),
-    ) -> (Counters, Work) {
+    /// Casts all pixels of a row of tiles, or the places of a strip, into `out`.
+    fn cast(&self, (along, optics): (Along, &Optics), what: &What<'_>, out: &mut [f64]) -> (Counters, Work) {
         let extent = self.camera.extent();
-        let band =
-            Band { field: self.field, optics, tiles: &self.tiles, points, extent, stride, part, watch: self.watch };
+        let band = Band { field: self.field, optics, tiles: &self.tiles, extent, watch: self.watch };
         let mut work = (Counters::default(), Work::default());
         match (along == Along::Exact, self.view.squared()) {
-            (false, false) => band.run::<false, false>(self.level, row, columns, out, &mut work),
-            (false, true) => band.run::<false, true>(self.level, row, columns, out, &mut work),
-            (true, false) => band.run::<true, false>(self.level, row, columns, out, &mut work),
-            (true, true) => band.run::<true, true>(self.level, row, columns, out, &mut work),
+            (false, false) => band.run::<false, false>(self.level, what, out, &mut work),
+            (false, true) => band.run::<false, true>(self.level, what, out, &mut work),
+            (true, false) => band.run::<true, false>(self.level, what, out, &mut work),
+            (true, true) => band.run::<true, true>(self.level, what, out, &mut work),
         }
         work
     }
@@ -186,8 +187,7 @@ impl<'a> Visit<'a> for Whole<'_, '_> {
         let mut image = Image::zeros(camera.extent());
         let rows = image.values_mut().par_chunks_mut(TILE * width).enumerate().with_max_len(1);
         let work = rows.map(|(row, out)| {
-            let how = (plan.along, &optics, &plan.points);
-            let work = ready.cast(how, Part::All, row, 0..width.div_ceil(TILE), (&mut *out, width));
+            let work = ready.cast((plan.along, &optics), &What::Row(row, &plan.points), &mut *out);
             watch.advance((out.len() / width) as u64);
             work
         });
@@ -210,55 +210,47 @@ impl<'a, V: Look> Visit<'a> for Parts<'_, '_, V> {
     fn run<T: Voxel, W: Weights<T> + Send + 'a>(self, field: Corners<'a, T, W>) -> Self::Out {
         let Self { packets, camera, estimand, watch, visit } = self;
         let ready = Ready::new(packets, &field, camera, estimand, watch);
-        let extent = camera.extent();
-        let one = |job: &Job, optics: &Optics, &Strip { tile: (column, row), upright }: &Strip| {
-            let mut tile = [0.0; TILE * TILE];
-            let part = if upright { Part::Columns } else { Part::Rows };
-            let how = (job.along, optics, &job.points[usize::from(upright)]);
-            let work = ready.cast(how, part, row, column..column + 1, (&mut tile[..], TILE));
-            let [x, y] = part.first([extent.width - column * TILE, extent.height - row * TILE]);
-            let lines: Lines = std::array::from_fn(|line| {
-                std::array::from_fn(|n| {
-                    let (x, y) = if upright { (x + line, n) } else { (n, y + line) };
-                    if x < TILE && y < TILE { tile[y * TILE + x] } else { 0.0 }
-                })
-            });
-            (lines, work)
+        let one = |job: &Job, optics: &Optics, n: usize, strip: &Strip| {
+            let (mut x, mut y) = ([strip.middle[0]; LANES], [strip.middle[1]; LANES]);
+            let along = if strip.upright { &mut y } else { &mut x };
+            along.iter_mut().zip(job.places).for_each(|(v, place)| *v += place);
+            let (columns, rows) = (ready.tiles.met(&x, 0), ready.tiles.met(&y, 1));
+            let share = ready.tiles.share(strip.middle, (&columns, &rows));
+            let mut values = [0.0; LANES];
+            let places = Places { x, y, phases: job.phases[n], columns, rows };
+            let work = ready.cast((job.along, optics), &What::Places(&places), &mut values);
+            (Seen { values, share, samples: work.1.evaluations, cells: work.1.cells }, work)
         };
         let cast = |jobs: &[Job], strips: &[Strip]| {
             let optics: Vec<Optics> = jobs.iter().map(|j| ready.optics(j.along)).collect();
-            let all = |strip: &Strip| -> Vec<(Lines, (Counters, Work))> {
-                jobs.iter().zip(&optics).map(|(job, optics)| one(job, optics, strip)).collect()
+            let all = |(n, strip): (usize, &Strip)| -> Vec<(Seen, (Counters, Work))> {
+                jobs.iter().zip(&optics).map(|(job, optics)| one(job, optics, n, strip)).collect()
             };
-            let done: Vec<Vec<(Lines, (Counters, Work))>> = strips.par_iter().with_min_len(4).map(all).collect();
+            let done: Vec<Vec<(Seen, (Counters, Work))>> =
+                strips.par_iter().enumerate().with_min_len(4).map(all).collect();
             let work = |job: usize| ready.sum(done.iter().map(|s| s[job].1).collect());
             let work = (0..jobs.len()).map(work).collect();
-            (done.iter().map(|s| s.iter().map(|(lines, _)| *lines).collect()).collect(), work)
+            (done.iter().map(|s| s.iter().map(|(seen, _)| *seen).collect()).collect(), work)
         };
         visit.run(&ready.tiles.occupied(), &cast)
     }
 }
 
-/// Which pixels of a tile are cast.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Part {
-    All,
-    /// The two rows, or columns, in the middle.
-    Rows,
-    Columns,
+/// Which rays are cast.
+enum What<'w> {
+    /// Those of all pixels of a row of tiles.
+    Row(usize, &'w Points),
+    /// Those through places of the image.
+    Places(&'w Places),
 }
 
-impl Part {
-    /// Column and row of the first pixel, of a tile of which so many columns and rows lie in the image.
-    #[inline(always)]
-    fn first(self, [wide, high]: [usize; 2]) -> [usize; 2] {
-        let middle = |pixels: usize| (TILE / 2 - 1).min(pixels.min(TILE).saturating_sub(2));
-        match self {
-            Part::All => [0, 0],
-            Part::Rows => [0, middle(high)],
-            Part::Columns => [middle(wide), 0],
-        }
-    }
+/// Places of an image, the phases of the samples there, and the tiles where they are.
+struct Places {
+    x: [f64; LANES],
+    y: [f64; LANES],
+    phases: [f64; LANES],
+    columns: Range<usize>,
+    rows: Range<usize>,
 }
 
 /// What the tiles of an image share.
@@ -266,11 +258,7 @@ struct Band<'a, 'w, T, W> {
     field: &'w Corners<'a, T, W>,
     optics: &'w Optics,
     tiles: &'w Tiles,
-    points: &'w Points,
     extent: Extent,
-    /// Pixels in a row of what is written.
-    stride: usize,
-    part: Part,
     watch: &'w Watch<'w>,
 }
 
@@ -278,89 +266,85 @@ struct Band<'a, 'w, T, W> {
 #[target_feature(enable = "avx2,avx512f,avx512dq,avx512vl")]
 fn run_avx512<T: Voxel, W: Weights<T>, const EXACT: bool, const SQUARED: bool>(
     band: &Band<'_, '_, T, W>,
-    row: usize,
-    columns: Range<usize>,
+    what: &What<'_>,
     out: &mut [f64],
     work: &mut (Counters, Work),
 ) {
     // SAFETY: this function has the instructions.
-    unsafe { band.tiles::<Avx512, EXACT, SQUARED>(row, columns, out, work) }
+    unsafe { band.cast::<Avx512, EXACT, SQUARED>(what, out, work) }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn run_avx2<T: Voxel, W: Weights<T>, const EXACT: bool, const SQUARED: bool>(
     band: &Band<'_, '_, T, W>,
-    row: usize,
-    columns: Range<usize>,
+    what: &What<'_>,
     out: &mut [f64],
     work: &mut (Counters, Work),
 ) {
     // SAFETY: this function has the instructions.
-    unsafe { band.tiles::<Avx2, EXACT, SQUARED>(row, columns, out, work) }
+    unsafe { band.cast::<Avx2, EXACT, SQUARED>(what, out, work) }
 }
 
 impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
     fn run<const EXACT: bool, const SQUARED: bool>(
         &self,
         level: SimdLevel,
-        row: usize,
-        columns: Range<usize>,
+        what: &What<'_>,
         out: &mut [f64],
         work: &mut (Counters, Work),
     ) {
         match level {
             // SAFETY: plain Rust needs no instructions.
-            SimdLevel::Portable => unsafe { self.tiles::<Portable, EXACT, SQUARED>(row, columns, out, work) },
+            SimdLevel::Portable => unsafe { self.cast::<Portable, EXACT, SQUARED>(what, out, work) },
             // SAFETY: levels name only what the processor has (`SimdLevel::available`).
             #[cfg(target_arch = "x86_64")]
-            SimdLevel::Avx2 => unsafe { run_avx2::<T, W, EXACT, SQUARED>(self, row, columns, out, work) },
+            SimdLevel::Avx2 => unsafe { run_avx2::<T, W, EXACT, SQUARED>(self, what, out, work) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            SimdLevel::Avx512 => unsafe { run_avx512::<T, W, EXACT, SQUARED>(self, row, columns, out, work) },
+            SimdLevel::Avx512 => unsafe { run_avx512::<T, W, EXACT, SQUARED>(self, what, out, work) },
             // SAFETY: as for the first.
             #[cfg(not(target_arch = "x86_64"))]
-            _ => unsafe { self.tiles::<Portable, EXACT, SQUARED>(row, columns, out, work) },
+            _ => unsafe { self.cast::<Portable, EXACT, SQUARED>(what, out, work) },
         }
     }
 
-    /// The pixels of a row of tiles.
-    ///
     /// # Safety
     /// As [`Simd`].
     #[inline(always)]
-    unsafe fn tiles<S: Simd, const EXACT: bool, const SQUARED: bool>(
+    unsafe fn cast<S: Simd, const EXACT: bool, const SQUARED: bool>(
         &self,
-        row: usize,
-        columns: Range<usize>,
+        what: &What<'_>,
         out: &mut [f64],
         (counters, work): &mut (Counters, Work),
     ) {
-        let (height, left) = (self.extent.height - row * TILE, columns.start);
-        let rays = self.points.rays() as usize;
+        let rays = if let What::Row(_, points) = what { points.rays() as usize } else { 1 };
         let share = 1.0 / rays as f64;
         let squared = if SQUARED { 1.0 / (self.optics.nearness * self.optics.nearness) } else { 1.0 };
         let scale = squared * self.field.unit();
+        let gap = GAP * self.optics.spacing;
+        let (width, height) = (self.extent.width, self.extent.height);
+        let columns = if let What::Row(..) = what { 0..width.div_ceil(TILE) } else { 0..1 };
         for column in columns {
-            let pieces = self.tiles.pieces(column, row, GAP * self.optics.spacing);
+            let pieces = match what {
+                What::Row(row, _) => self.tiles.pieces(column, *row, gap),
+                What::Places(p) => self.tiles.pieces_of(&p.columns, &p.rows, gap),
+            };
             if pieces.all().is_empty() || self.watch.cancelled() {
                 continue;
             }
-            let wide = self.extent.width - column * TILE;
-            let [x0, y0] = self.part.first([wide, height]);
-            // Pixels of the tile in blocks of four by four, or its two lines.
+            // Pixels of the tile in blocks of four by four.
             let mut places = [(0usize, 0usize); TILE * TILE];
-            let mut pixels = 0;
-            let most = if self.part == Part::All { TILE * TILE } else { 2 * TILE };
-            for n in 0..most {
-                let (x, y) = match self.part {
-                    Part::All => ((n & 3) | (n >> 2 & 4), (n >> 2 & 3) | (n >> 3 & 4)),
-                    Part::Rows => (n & 7, y0 + (n >> 3)),
-                    Part::Columns => (x0 + (n >> 3), n & 7),
-                };
-                if x < wide && y < height {
-                    places[pixels] = (x, y);
-                    pixels += 1;
+            let mut pixels = LANES;
+            if let What::Row(row, _) = what {
+                pixels = 0;
+                let (wide, high) = (width - column * TILE, height - row * TILE);
+                for n in 0..TILE * TILE {
+                    let (x, y) = ((n & 3) | (n >> 2 & 4), (n >> 2 & 3) | (n >> 3 & 4));
+                    if x < wide && y < high {
+                        places[pixels] = (x, y);
+                        pixels += 1;
+                    }
                 }
             }
             let all = pixels * rays;
@@ -371,21 +355,29 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
             while n < all {
                 let used = LANES.min(all - n);
                 let (mut px, mut py, mut phase) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-                let mut owners = [(0usize, 0usize); LANES];
-                for l in 0..LANES {
-                    let (x, y) = places[pixel];
-                    let at = (column * TILE + x, row * TILE + y);
-                    let [dx, dy, p] = self.points.of(at.0, at.1, ray as u32);
-                    (px[l], py[l], phase[l]) = (at.0 as f64 + dx, at.1 as f64 + dy, p);
-                    owners[l] = (x, y);
-                    if l + 1 < used {
-                        ray += 1;
-                        if ray == rays {
-                            (pixel, ray) = (pixel + 1, 0);
+                let mut owners = [0usize; LANES];
+                match what {
+                    What::Row(row, points) => {
+                        for l in 0..LANES {
+                            let (x, y) = places[pixel];
+                            let at = (column * TILE + x, row * TILE + y);
+                            let [dx, dy, p] = points.of(at.0, at.1, ray as u32);
+                            (px[l], py[l], phase[l]) = (at.0 as f64 + dx, at.1 as f64 + dy, p);
+                            owners[l] = y * width + at.0;
+                            if l + 1 < used {
+                                ray += 1;
+                                if ray == rays {
+                                    (pixel, ray) = (pixel + 1, 0);
+                                }
+                            }
                         }
+                        (pixel, ray) = if ray + 1 == rays { (pixel + 1, 0) } else { (pixel, ray + 1) };
+                    }
+                    What::Places(p) => {
+                        (px, py, phase) = (p.x, p.y, p.phases);
+                        owners = std::array::from_fn(|l| l);
                     }
                 }
-                (pixel, ray) = if ray + 1 == rays { (pixel + 1, 0) } else { (pixel, ray + 1) };
                 let mut beam = self.optics.beam(&px, &py, &phase);
                 for l in used..LANES {
                     beam.from[l] = f64::INFINITY;
@@ -402,8 +394,7 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
                     }
                 }
                 for l in 0..used {
-                    let (x, y) = owners[l];
-                    out[y * self.stride + (column - left) * TILE + x] += sums[l] * beam.factor[l] * (scale * share);
+                    out[owners[l]] += sums[l] * beam.factor[l] * (scale * share);
                 }
                 n += used;
             }

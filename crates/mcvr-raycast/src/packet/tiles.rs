@@ -4,7 +4,9 @@
 //! their tile only; everything is rounded outwards, so no density is missed. The map costs a few microseconds per thousand
 //! bricks, whatever the number of rays.
 
-use mcvr_scene::{Camera, Extent, Occupancy};
+use std::ops::Range;
+
+use mcvr_scene::{Camera, Occupancy};
 use mcvr_volume::{Grid, SimdLevel, vectorised};
 use rayon::prelude::*;
 
@@ -56,6 +58,16 @@ impl<'a> Boxes<'a> {
         })
     }
 
+    /// A bit for each of the blocks along x from `first` on, up to [`LANES`] of them; `first` is a multiple of that.
+    fn full(&self, first: usize, y: usize, z: usize) -> u8 {
+        if self.merge == 1 {
+            // Bits beyond the last block are 0, and runs do not cross words.
+            return (self.occupancy.row(y, z)[first / 64] >> (first % 64)) as u8;
+        }
+        let number = LANES.min(self.blocks[0] - first);
+        (0..number).fold(0, |m, l| m | u8::from(self.occupied([first + l, y, z])) << l)
+    }
+
     /// What a run of blocks on an axis reaches: voxel `v` weighs between the cell coordinates `v` and `v + 2`.
     fn span(&self, axis: usize, first: usize, last: usize) -> [f64; 2] {
         let side = Occupancy::SIDE * self.merge;
@@ -68,10 +80,15 @@ impl<'a> Boxes<'a> {
         let (mut first, mut last) = (self.blocks, [0; 3]);
         for z in 0..self.blocks[2] {
             for y in 0..self.blocks[1] {
-                for x in (0..self.blocks[0]).filter(|x| self.occupied([*x, y, z])) {
-                    for (a, v) in [x, y, z].into_iter().enumerate() {
-                        first[a] = first[a].min(v);
-                        last[a] = last[a].max(v);
+                for from in (0..self.blocks[0]).step_by(LANES) {
+                    let full = self.full(from, y, z);
+                    if full == 0 {
+                        continue;
+                    }
+                    let ends = [from + full.trailing_zeros() as usize, from + full.ilog2() as usize];
+                    for (a, v) in [ends, [y; 2], [z; 2]].into_iter().enumerate() {
+                        first[a] = first[a].min(v[0]);
+                        last[a] = last[a].max(v[1]);
                     }
                 }
             }
@@ -98,63 +115,89 @@ struct Outliner {
     at: [[f64; 3]; 4],
     parallel: bool,
     near: f64,
-    extent: Extent,
-}
-
-/// The pixels and parameters that a box covers.
-struct Outline {
-    x: [f64; 2],
-    y: [f64; 2],
-    t: [f64; 2],
 }
 
 /// Boxes whose outlines are found together.
 const LANES: usize = 8;
 
-/// Least and greatest pixel x, pixel y and parameter of boxes side by side.
-type Outlines = [[[f64; LANES]; 2]; 3];
+/// First tile and the one after the last along x and along y, and first and last slot, of boxes side by side.
+type Outlines = [[[i32; LANES]; 2]; 3];
+
+/// What outlines are told in.
+struct Frame {
+    /// As of [`Outliner`].
+    at: [[f64; 3]; 4],
+    parallel: bool,
+    /// Pixels along x and y.
+    pixels: [f64; 2],
+    /// Parameter at which slot 0 begins, and the length of a slot.
+    start: f64,
+    length: f64,
+}
+
+/// Pixels by which an outline is widened, for the rounding of rays to 32 bits.
+const RIM: f64 = 1.0 / 64.0;
 
 vectorised! {
-    /// Outlines of boxes that share their extent along y and z. Those that reach before a pinhole's eye are anything, but begin at a
-    /// parameter that is not positive.
+    /// Outlines of boxes that share their extent along y and z and lie beyond a pinhole's eye.
     fn outlines(
-        at: &[[f64; 3]; 4], parallel: bool, x: &[[f64; LANES]; 2], y: [f64; 2], z: [f64; 2], out: &mut Outlines,
+        frame: &Frame, x: &[[f64; LANES]; 2], y: [f64; 2], z: [f64; 2], out: &mut Outlines,
     ) = outlines_body
 }
 
 #[inline(always)]
-fn outlines_body(
-    at: &[[f64; 3]; 4],
-    parallel: bool,
-    x: &[[f64; LANES]; 2],
-    y: [f64; 2],
-    z: [f64; 2],
-    out: &mut Outlines,
-) {
-    *out = [[[f64::MAX; LANES], [f64::MIN; LANES]]; 3];
+fn outlines_body(frame: &Frame, x: &[[f64; LANES]; 2], y: [f64; 2], z: [f64; 2], out: &mut Outlines) {
+    let Frame { at, parallel, .. } = frame;
+    let mut ends = [[[f64::MAX; LANES], [f64::MIN; LANES]]; 3];
     for v in y {
         for w in z {
             let mut origin = at[0];
             for n in 0..3 {
                 origin[n] += v * at[2][n] + w * at[3][n];
             }
-            for ends in x {
+            for u in x {
                 for l in 0..LANES {
-                    let q0 = origin[0] + ends[l] * at[1][0];
-                    let q1 = origin[1] + ends[l] * at[1][1];
-                    let t = origin[2] + ends[l] * at[1][2];
-                    let nearness = if parallel { 1.0 } else { 1.0 / t };
+                    let q0 = origin[0] + u[l] * at[1][0];
+                    let q1 = origin[1] + u[l] * at[1][1];
+                    let t = origin[2] + u[l] * at[1][2];
+                    let nearness = if *parallel { 1.0 } else { 1.0 / t };
                     let (px, py) = (q0 * nearness, q1 * nearness);
-                    out[0][0][l] = if px < out[0][0][l] { px } else { out[0][0][l] };
-                    out[0][1][l] = if px > out[0][1][l] { px } else { out[0][1][l] };
-                    out[1][0][l] = if py < out[1][0][l] { py } else { out[1][0][l] };
-                    out[1][1][l] = if py > out[1][1][l] { py } else { out[1][1][l] };
-                    out[2][0][l] = if t < out[2][0][l] { t } else { out[2][0][l] };
-                    out[2][1][l] = if t > out[2][1][l] { t } else { out[2][1][l] };
+                    ends[0][0][l] = if px < ends[0][0][l] { px } else { ends[0][0][l] };
+                    ends[0][1][l] = if px > ends[0][1][l] { px } else { ends[0][1][l] };
+                    ends[1][0][l] = if py < ends[1][0][l] { py } else { ends[1][0][l] };
+                    ends[1][1][l] = if py > ends[1][1][l] { py } else { ends[1][1][l] };
+                    ends[2][0][l] = if t < ends[2][0][l] { t } else { ends[2][0][l] };
+                    ends[2][1][l] = if t > ends[2][1][l] { t } else { ends[2][1][l] };
                 }
             }
         }
     }
+    for axis in 0..2 {
+        for l in 0..LANES {
+            let (a, _) = whole(ends[axis][0][l] - RIM, frame.pixels[axis]);
+            let (b, more) = whole(ends[axis][1][l] + RIM, frame.pixels[axis]);
+            let b = b + more;
+            // Nothing beside the image.
+            out[axis][0][l] = if a < b { a >> TILE.ilog2() } else { 0 };
+            out[axis][1][l] = if a < b { (b + TILE as i32 - 1) >> TILE.ilog2() } else { 0 };
+        }
+    }
+    for l in 0..LANES {
+        let slot = |t: f64| whole((t - frame.start) / frame.length, (SLOTS - 1) as f64).0;
+        out[2][0][l] = slot(ends[2][0][l] - SLACK * frame.length);
+        out[2][1][l] = slot(ends[2][1][l] + SLACK * frame.length);
+    }
+}
+
+/// The whole part of a number brought between 0 and `most`, and 1 where something is left. `most` is below 2^31.
+#[inline(always)]
+fn whole(v: f64, most: f64) -> (i32, i32) {
+    // What is no number becomes 0.
+    let v = if v > 0.0 { v } else { 0.0 };
+    let v = if v < most { v } else { most };
+    // SAFETY: finite, and within the range of the type.
+    let n: i32 = unsafe { v.to_int_unchecked() };
+    (n, i32::from(f64::from(n) < v))
 }
 
 impl Outliner {
@@ -172,40 +215,21 @@ impl Outliner {
         let origin = image(to_world.transform_point3(glam::DVec3::splat(-1.0)), 1.0);
         let unit = |v: glam::DVec3| image(to_world.transform_vector3(v), 0.0);
         let at = [origin, unit(glam::DVec3::X), unit(glam::DVec3::Y), unit(glam::DVec3::Z)];
-        Self { at, parallel, near: camera.near(), extent: camera.extent() }
+        Self { at, parallel, near: camera.near() }
     }
 
-    /// `None` when the box reaches before a pinhole's near plane.
-    fn outline(&self, low: [f64; 3], high: [f64; 3]) -> Option<Outline> {
-        let mut out = Outline { x: [f64::MAX, f64::MIN], y: [f64::MAX, f64::MIN], t: [f64::MAX, f64::MIN] };
+    /// Parameters that a box covers; `None` when it reaches before a pinhole's near plane.
+    fn depths(&self, low: [f64; 3], high: [f64; 3]) -> Option<[f64; 2]> {
+        let mut ends = [f64::MAX, f64::MIN];
         for corner in 0..8 {
-            let mut q = self.at[0];
-            for a in 0..3 {
-                let v = if corner >> a & 1 == 0 { low[a] } else { high[a] };
-                for (q, e) in q.iter_mut().zip(self.at[a + 1]) {
-                    *q += v * e;
-                }
-            }
-            let [x, y, t] = q;
+            let end = |a: usize| if corner >> a & 1 == 0 { low[a] } else { high[a] };
+            let t = (0..3).fold(self.at[0][2], |t, a| t + end(a) * self.at[a + 1][2]);
             if !self.parallel && t < self.near {
                 return None;
             }
-            let (x, y) = if self.parallel { (x, y) } else { (x / t, y / t) };
-            for (range, v) in [(&mut out.x, x), (&mut out.y, y), (&mut out.t, t)] {
-                range[0] = if v < range[0] { v } else { range[0] };
-                range[1] = if v > range[1] { v } else { range[1] };
-            }
+            ends = [ends[0].min(t), ends[1].max(t)];
         }
-        Some(out)
-    }
-
-    /// Tiles from `first` to `last` along one side of the image, or none.
-    fn tiles(range: [f64; 2], pixels: usize) -> std::ops::Range<usize> {
-        let margin = 1.0 / 64.0;
-        // `as` saturates.
-        let (a, b) = ((range[0] - margin).floor().max(0.0) as usize, (range[1] + margin).ceil().max(0.0) as usize);
-        let (a, b) = (a.min(pixels), b.min(pixels));
-        if a < b { a / TILE..b.div_ceil(TILE) } else { 0..0 }
+        Some(ends)
     }
 }
 
@@ -218,13 +242,14 @@ impl Tiles {
         let boxes = Boxes::new(occupancy, grid.dims());
         let bounds = boxes.bounds();
         let (low, high) = (bounds.map(|b| b[0]), bounds.map(|b| b[1]));
-        let Some(range) = outliner.outline(low.map(|v| v - SLACK), high.map(|v| v + SLACK)).map(|o| o.t) else {
+        let Some(range) = outliner.depths(low.map(|v| v - SLACK), high.map(|v| v + SLACK)) else {
             // The box reaches the eye: everything may be anywhere.
             let masks = vec![1; columns * rows];
             return Self { columns, masks, start: f64::NEG_INFINITY, length: f64::INFINITY, low, high };
         };
         let (start, length) = (range[0], (range[1] - range[0]) / SLOTS as f64);
-        let slot = |t: f64| (((t - start) / length).max(0.0) as usize).min(SLOTS - 1);
+        let Outliner { at, parallel, .. } = outliner;
+        let frame = Frame { at, parallel, pixels: [extent.width, extent.height].map(|n| n as f64), start, length };
         let (blocks, level) = (boxes.blocks, SimdLevel::detect());
         let none = || vec![0u128; columns * rows];
         let masks = (0..blocks[2])
@@ -233,29 +258,26 @@ impl Tiles {
             .fold(none, |mut masks, bz| {
                 let wide = |axis: usize, n: usize| boxes.span(axis, n, n);
                 let slack = |[low, high]: [f64; 2]| [low - SLACK, high + SLACK];
-                let mut found: Outlines = [[[0.0; LANES]; 2]; 3];
+                let mut found: Outlines = [[[0; LANES]; 2]; 3];
                 for by in 0..blocks[1] {
                     for first in (0..blocks[0]).step_by(LANES) {
-                        let number = LANES.min(blocks[0] - first);
-                        let full = (0..number).fold(0u8, |m, l| m | u8::from(boxes.occupied([first + l, by, bz])) << l);
+                        let mut full = boxes.full(first, by, bz);
                         if full == 0 {
                             continue;
                         }
-                        let spans: [[f64; 2]; LANES] =
-                            std::array::from_fn(|l| slack(wide(0, first + l.min(number - 1))));
+                        let last = blocks[0] - 1;
+                        let spans: [[f64; 2]; LANES] = std::array::from_fn(|l| slack(wide(0, (first + l).min(last))));
                         let x = [spans.map(|s| s[0]), spans.map(|s| s[1])];
                         let (y, z) = (slack(wide(1, by)), slack(wide(2, bz)));
                         // The whole box lies beyond the near plane, and so do its parts.
-                        outlines(level, &outliner.at, outliner.parallel, &x, y, z, &mut found);
-                        for l in (0..number).filter(|l| full >> l & 1 == 1) {
-                            let [x, y, t] = [0, 1, 2].map(|n: usize| [found[n][0][l], found[n][1][l]]);
-                            let (a, b) = (slot(t[0] - SLACK * length), slot(t[1] + SLACK * length));
+                        outlines(level, &frame, &x, y, z, &mut found);
+                        while full != 0 {
+                            let l = full.trailing_zeros() as usize;
+                            full &= full - 1;
+                            let [x, y, [a, b]] = found.map(|ends| ends.map(|e| e[l] as usize));
                             let bits = (u128::MAX >> (SLOTS - 1 - (b - a))) << a;
-                            let columns_of = Outliner::tiles(x, outliner.extent.width);
-                            for ty in Outliner::tiles(y, outliner.extent.height) {
-                                for mask in &mut masks[ty * columns..][columns_of.clone()] {
-                                    *mask |= bits;
-                                }
+                            for row in masks[y[0] * columns..y[1] * columns].chunks_exact_mut(columns) {
+                                row[x[0]..x[1]].iter_mut().for_each(|mask| *mask |= bits);
                             }
                         }
                     }
@@ -283,8 +305,36 @@ impl Tiles {
     /// Pieces of parameter with density, from near to far and disjoint, of the tile in a column and row of tiles. Gaps of less
     /// than `gap` between them are taken along.
     pub fn pieces(&self, column: usize, row: usize, gap: f64) -> Pieces {
+        self.pieces_in(self.masks[column + self.columns * row], gap)
+    }
+
+    /// The same of several tiles together.
+    pub fn pieces_of(&self, columns: &Range<usize>, rows: &Range<usize>, gap: f64) -> Pieces {
+        self.pieces_in(self.mask_of(columns, rows), gap)
+    }
+
+    /// Tiles that places along an axis (0: x, 1: y) of the image lie in, of which those beyond the image count to the outermost.
+    pub fn met(&self, places: &[f64], axis: usize) -> Range<usize> {
+        let number = if axis == 0 { self.columns } else { self.masks.len() / self.columns };
+        // `as` saturates.
+        let of = |place: f64| ((place / TILE as f64) as usize).min(number - 1);
+        let ends = places.iter().fold([f64::MAX, f64::MIN], |[a, b], v| [a.min(*v), b.max(*v)]);
+        of(ends[0])..of(ends[1]) + 1
+    }
+
+    /// Depths with density in the tile of a point, as a share of those in tiles around it.
+    pub fn share(&self, at: [f64; 2], (columns, rows): (&Range<usize>, &Range<usize>)) -> f64 {
+        let own = self.mask_of(&self.met(&at[..1], 0), &self.met(&at[1..], 1));
+        f64::from(own.count_ones()) / f64::from(self.mask_of(columns, rows).count_ones().max(1))
+    }
+
+    fn mask_of(&self, columns: &Range<usize>, rows: &Range<usize>) -> u128 {
+        let row = |row: usize| &self.masks[row * self.columns..][columns.clone()];
+        rows.clone().flat_map(row).fold(0, |all, mask| all | mask)
+    }
+
+    fn pieces_in(&self, mut mask: u128, gap: f64) -> Pieces {
         let mut pieces = Pieces { all: [[0.0; 2]; SLOTS / 2], number: 0 };
-        let mut mask = self.masks[column + self.columns * row];
         while mask != 0 {
             let first = mask.trailing_zeros();
             let end = first + (!(mask >> first)).trailing_zeros();

@@ -46,6 +46,13 @@ impl Occupancy {
         &self.bits[(by + self.bricks[1] * bz) * self.words..][..self.words]
     }
 
+    /// The bricks that hold weight, x fastest.
+    pub fn all(&self) -> impl Iterator<Item = [usize; 3]> + '_ {
+        let [nx, ny, nz] = self.bricks();
+        let rows = (0..nz).flat_map(move |z| (0..ny).map(move |y| (y, z)));
+        rows.flat_map(move |(y, z)| (0..nx).filter(move |x| self.occupied(*x, y, z)).map(move |x| [x, y, z]))
+    }
+
     /// Number of occupied bricks.
     pub fn count(&self) -> usize {
         self.bits.iter().map(|w| w.count_ones() as usize).sum()

@@ -45,12 +45,12 @@ pub struct Choice {
     pub reaches: bool,
 }
 
-/// Tiles of which a pilot looks at two lines: more where the image itself will take longer.
+/// Tiles in which a pilot looks at a line of pixels: more where the image itself will take longer.
 fn tiles(error: f64) -> usize {
     match error {
-        e if e >= 0.05 => 24,
-        e if e >= 0.02 => 40,
-        _ => 64,
+        e if e >= 0.05 => 40,
+        e if e >= 0.005 => 64,
+        _ => 96,
     }
 }
 
@@ -63,7 +63,7 @@ pub fn choose(density: &Density, scenery: &Scenery, request: &Request, watch: &W
     let camera = &scenery.camera;
     let plain = scenery.effects.look(density.volume().grid(), camera)?.is_plain();
     let pilot = if plain && request.kernel == Kernel::Tent {
-        let sight = (tiles(request.error), 0.5 * candidates::MARGIN * request.error);
+        let sight = (tiles(request.error), candidates::MARGIN * request.error);
         Pilot::look(density, camera, request.estimand, sight, request.seed, watch)?
     } else {
         None

@@ -120,7 +120,8 @@ pub struct MethodArgs {
     /// Randomisation of the net: linear, owen, nested, shift, none [default: linear]
     #[arg(long)]
     pub scramble: Option<Scramble>,
-    /// March and comb: distance of the samples in units of the smallest voxel spacing [default: 1]
+    /// March and comb: distance of the samples in units of the smallest voxel spacing; footprint: side of a voxel's parts,
+    /// of which smaller ones err less, down to 0.125 [default: 1]
     #[arg(long, value_name = "VOXELS")]
     pub step: Option<f64>,
     /// March, comb and rays: rays at random places in their pixels, which makes the image unbiased, instead of on a grid

@@ -9,7 +9,11 @@ fn percent(share: f64) -> String {
 
 fn words(c: &Candidate) -> String {
     let unit = c.method.unit();
-    let step = if c.step > 0.0 { format!(", {:.2} voxels apart", c.step) } else { String::new() };
+    let step = match c.step {
+        step if step <= 0.0 => String::new(),
+        step if c.method == mcvr::Method::Footprint => format!(", parts of {step:.2}"),
+        step => format!(", {step:.2} voxels apart"),
+    };
     format!("{} with {} {unit}{step}", c.method, c.samples)
 }
 
@@ -42,7 +46,7 @@ pub fn table(choice: &Choice) -> String {
     match &choice.pilot {
         Some(p) => {
             out += &format!(
-                "  from the rays of {} of {} tiles with density; {:.0} voxels' way a ray\n",
+                "  from lines of pixels in {} of {} tiles with density; {:.0} voxels' way a ray\n",
                 p.looked_at, p.tiles, p.steps
             );
         }

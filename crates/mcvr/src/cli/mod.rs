@@ -127,6 +127,7 @@ impl std::error::Error for Interrupted {}
 /// Parses, runs, reports.
 pub fn run() -> ExitCode {
     let cli = Cli::parse();
+    mcvr::keep_freed_memory();
     // Made here in any case: a pool that makes itself panics where it cannot.
     let threads = cli.threads.map_or(0, usize::from);
     if let Err(e) = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global() {

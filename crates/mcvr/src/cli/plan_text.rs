@@ -39,6 +39,7 @@ fn head(out: &mut String, setup: &Setup, camera: Option<&str>) {
     let (volume, r) = (&setup.scenery.volume, &setup.request);
     let dims = volume.grid().dims().map(|n| n.to_string()).join(" x ");
     let budget = match r.method {
+        mcvr::Method::Footprint if r.step < 1.0 => format!("all voxels, in parts of {:.2}", r.step),
         mcvr::Method::Footprint => "all voxels".to_owned(),
         mcvr::Method::Exact => format!("tolerance {}", r.tolerance),
         mcvr::Method::March | mcvr::Method::Rays => format!("{} rays at most", grouped(r.samples)),

@@ -1,6 +1,6 @@
 //! The plan of a whole scene.
 
-use mcvr_footprint::{FootprintError, FootprintOptions};
+use mcvr_footprint::FootprintError;
 use mcvr_scene::film::Film;
 use mcvr_scene::{Extent, Look, Watch};
 use serde_json::json;
@@ -8,6 +8,7 @@ use serde_json::json;
 use super::effects::per_sample;
 use super::sampled::{draws, sampled, weight_bytes};
 use super::{Forecast, LeftOut, Pass, Plan, film_pass, grouped};
+use crate::make::footprint_options;
 use crate::{MakeError, Method, Request, Scenery};
 
 /// Plans the image that [`make`](crate::make()) will make, without reading a voxel.
@@ -123,8 +124,7 @@ fn footprint(scenery: &Scenery, request: &Request, look: &Look) -> Result<Pass, 
         return Err(FootprintError::Effects.into());
     }
     let grid = scenery.volume.grid();
-    let Request { kernel, estimand, .. } = *request;
-    let options = FootprintOptions { kernel, estimand, ..FootprintOptions::default() };
+    let options = footprint_options(request);
     options.check(grid)?;
     let voxels = grid.len() as u64;
     let most = voxels.saturating_mul(mcvr_footprint::footprints_of_a_voxel(grid, &options));

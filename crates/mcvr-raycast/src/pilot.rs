@@ -129,6 +129,75 @@ fn beside(tiles: &[(usize, usize)], [columns, rows]: [usize; 2]) -> Vec<(usize, 
     all.filter(|(x, y)| among[y * side + x]).collect()
 }
 
+/// A first look at tiles, a coarse ray in every second row of them.
+struct Glance {
+    /// Mean value in the tiles.
+    mean: f64,
+    /// With what share of the lines a tile is to be looked at: more where it is bright, and where its neighbours differ.
+    shares: Vec<f64>,
+}
+
+/// Samples of the first look lie so far apart, in units of the smallest voxel spacing.
+const GLANCE: f64 = 8.0;
+
+fn glance(
+    tiles: &[(usize, usize)],
+    [columns, rows]: [usize; 2],
+    spacing: f64,
+    random: &mut Pcg64Dxsm,
+    cast: &Cast<'_>,
+    counters: &mut Counters,
+) -> Glance {
+    let stride = columns + 2;
+    let mut wanted = vec![false; stride * (rows + 2)];
+    // Two rows of tiles share a ray, that of the first.
+    let first = |row: usize| row - (row + 1) % 2;
+    tiles.iter().for_each(|(x, y)| wanted[first(*y) * stride + x] = true);
+    let runs = (1..=rows).step_by(2).flat_map(|y| (1..=columns).step_by(LANES).map(move |x| (x, y)));
+    let runs: Vec<(usize, usize)> =
+        runs.filter(|(x, y)| wanted[y * stride + x..y * stride + (x + LANES).min(stride)].contains(&true)).collect();
+    let strip = |(x, y): &(usize, usize)| Strip {
+        middle: [(x * TILE) as f64, ((y + usize::from(*y < rows)) * TILE) as f64],
+        upright: false,
+    };
+    let strips: Vec<Strip> = runs.iter().map(strip).collect();
+    let places = std::array::from_fn(|l| (l * TILE + TILE / 2) as f64);
+    let phases = strips.iter().map(|_| random.random()).collect();
+    let (seen, work) = cast(&[Job { along: Along::Comb(GLANCE * spacing), places, phases }], &strips);
+    work.iter().for_each(|w| *counters += *w);
+    let mut values = vec![0.0; wanted.len()];
+    for ((x, y), seen) in runs.iter().zip(&seen) {
+        let number = LANES.min(columns + 1 - x);
+        values[y * stride + x..][..number].copy_from_slice(&seen[0].values[..number]);
+    }
+    let value = |x: usize, y: usize| values[first(y.clamp(1, rows)) * stride + x];
+    let slope = |(x, y): (usize, usize)| {
+        (value(x + 1, y) - value(x - 1, y)).abs() + 0.5 * (value(x, y + 2) - value(x, y.saturating_sub(2))).abs()
+    };
+    let number = tiles.len().max(1) as f64;
+    let mean = tiles.iter().map(|(x, y)| value(*x, *y)).sum::<f64>() / number;
+    let bend = tiles.iter().map(|t| slope(*t)).sum::<f64>() / number;
+    let part = |v: f64, of: f64| if of > 0.0 { v / of } else { 1.0 };
+    let share = |t: &(usize, usize)| 0.25 + 0.4 * part(value(t.0, t.1), mean) + 0.35 * part(slope(*t), bend);
+    Glance { mean, shares: tiles.iter().map(|t| share(t) / number).collect() }
+}
+
+/// Draws so many from a list in proportion to their shares, evenly along it, begun at `start` in [0, 1): their places in the list, and what
+/// each stands for beside one that is drawn with the share of all.
+fn draw(shares: &[f64], number: usize, start: f64) -> (Vec<usize>, Vec<f64>) {
+    let whole = shares.iter().sum::<f64>();
+    let (mut at, mut sum) = (0, shares.first().copied().unwrap_or(0.0));
+    let one = |n: usize| {
+        let wanted = whole * (n as f64 + start) / number as f64;
+        while sum <= wanted && at + 1 < shares.len() {
+            at += 1;
+            sum += shares[at];
+        }
+        (at, whole / (shares.len() as f64 * shares[at]))
+    };
+    (0..number).map(one).unzip()
+}
+
 /// What a line's rays tell of blocks of pixels: mean squares of their errors.
 fn of_blocks(line: &[f64; LANES]) -> [f64; 2] {
     let inner = 2..CENTRES - 2;
@@ -152,13 +221,17 @@ impl Look for Sight {
         let mut random = Pcg64Dxsm::new(u128::from(seed), 0x7069_6c6f);
         let inside = |(x, y): &&(usize, usize)| (1..=columns).contains(x) && (1..=rows).contains(y);
         let full_inside = full.iter().filter(inside).count();
-        // One of each run of neighbours, so that no part of the image is left out. A line reaches a tile beyond its own.
+        // A line reaches a tile beyond its own.
         let inner = beside(full, [columns, rows]);
         let number = tiles.min(inner.len());
-        let strips: Vec<Strip> = (0..number)
-            .map(|n| {
-                let tile = inner[random.random_range(n * inner.len() / number..(n + 1) * inner.len() / number)];
-                let upright = n % 2 == 1;
+        let mut counters = Counters::default();
+        let glance = glance(&inner, [columns, rows], spacing, &mut random, cast, &mut counters);
+        let (chosen, weights) = draw(&glance.shares, number, random.random());
+        let strips: Vec<Strip> = chosen
+            .iter()
+            .enumerate()
+            .map(|(n, tile)| {
+                let (tile, upright) = (inner[*tile], n % 2 == 1);
                 // The line's middle lies between two pixels, the line in the middle of a row of pixels.
                 let mut at = |tile: usize, along: bool| {
                     (tile * TILE + random.random_range(0..TILE)) as f64 + if along { 0.0 } else { 0.5 }
@@ -169,7 +242,6 @@ impl Look for Sight {
         let mut phases = || -> Vec<[f64; LANES]> { strips.iter().map(|_| random.random()).collect() };
         let mut comb = |distance: f64| Job { along: Along::Comb(distance * spacing), places: LINE, phases: phases() };
         let exact = |places| Job { along: Along::Exact, places, phases: vec![[0.5; LANES]; number] };
-        let mut counters = Counters::default();
         let mut run = |jobs: &[Job]| {
             let (seen, work) = cast(jobs, &strips);
             work.iter().for_each(|w| counters += *w);
@@ -187,37 +259,37 @@ impl Look for Sight {
             jobs.push(exact(SIDES));
         }
         let mut seen = run(&jobs);
-        let lanes = (LANES * number).max(1) as f64;
         // From means over these tiles to those over the image: the others are dark.
         let share = ((inner.len() * TILE * TILE) as f64 / pixels as f64).min(1.0);
-        let lines = || seen.iter().map(|s| &s[0].values);
-        let mean = share * lines().flatten().sum::<f64>() / lanes;
+        let mean = share * glance.mean;
         let rms = |square: f64| if mean > 0.0 { (share * square).sqrt() / mean } else { 0.0 };
-        let per_line = 1.0 / number.max(1) as f64;
+        // Mean over the tiles of what a line tells.
+        let over = |seen: &[Vec<Seen>], of: &dyn Fn(&[Seen]) -> f64| {
+            seen.iter().zip(&weights).map(|(s, w)| w * of(s)).sum::<f64>() / number.max(1) as f64
+        };
         let error = |seen: &[Vec<Seen>], job: usize| {
-            let all = seen.iter().flat_map(|s| s[job].values.iter().zip(&s[0].values));
-            average::noise(Rays::Grid(1)) * rms(all.map(|(c, e)| (c - e) * (c - e)).sum::<f64>() / lanes)
+            let of = |s: &[Seen]| {
+                let squares = s[job].values.iter().zip(&s[0].values).map(|(c, e)| (c - e) * (c - e));
+                squares.sum::<f64>() / LANES as f64
+            };
+            average::noise(Rays::Grid(1)) * rms(over(seen, &of))
         };
         let errors = |seen: &[Vec<Seen>], of: &[f64]| -> Vec<(f64, f64)> {
             of.iter().enumerate().map(|(n, d)| (*d, error(seen, n + 1))).collect()
         };
         // Terms of both axes add up; each was looked at along half of the lines.
-        let blocks = |seen: &[Vec<Seen>]| {
-            let squares =
-                seen.iter().map(|s| of_blocks(&s[0].values)).fold([0.0; 2], |a, b| [a[0] + b[0], a[1] + b[1]]);
-            squares.map(|s| rms(2.0 * per_line * s))
-        };
+        let blocks = |seen: &[Vec<Seen>]| [0, 1].map(|n: usize| rms(2.0 * over(seen, &|s| of_blocks(&s[0].values)[n])));
         let left = |seen: &[Vec<Seen>], job: usize| {
-            let one = |s: &Vec<Seen>| {
+            let of = |s: &[Seen]| {
                 let (before, after) = s[job].values.split_at(CENTRES);
                 average::left([before, &s[0].values[..CENTRES], after])
             };
-            rms(2.0 * per_line * seen.iter().map(one).sum::<f64>())
+            rms(2.0 * over(seen, &of))
         };
         // Rays visit the depths of all tiles that their line meets; those of an image visit their own tile's.
-        let lit = (LANES * seen.iter().filter(|s| s[0].share > 0.0).count()).max(1) as f64;
+        let lit = LANES as f64 * over(&seen, &|s| f64::from(u8::from(s[0].share > 0.0)));
         let a_ray = |seen: &[Vec<Seen>], job: usize, of: fn(&Seen) -> u64| {
-            seen.iter().map(|s| of(&s[job]) as f64 * s[job].share).sum::<f64>() / lit
+            over(seen, &|s| of(&s[job]) as f64 * s[job].share) / lit.max(1e-3)
         };
         let mut steps = a_ray(&seen, 1, |s| s.samples) * coarse[0];
         let mut found = (errors(&seen, coarse), blocks(&seen), None, CELLS * steps);
@@ -275,6 +347,21 @@ mod tests {
             (0..70_000)
                 .all(|c| code(&(every_second_bit(c) & 255, every_second_bit(c >> 1) & 255)) == c as usize & 0xffff)
         );
+    }
+
+    /// Sums by what is drawn, and what it stands for, are those of the whole, whatever the shares.
+    #[test]
+    fn draws_stand_for_the_whole() {
+        let shares: Vec<f64> = (0..40).map(|n| if n % 7 == 3 { 9.0 } else { 0.5 + f64::from(n % 3) }).collect();
+        let value = |n: usize| (n * n % 11) as f64;
+        let truth = (0..40).map(value).sum::<f64>() / 40.0;
+        let of = |start: f64| {
+            let (drawn, weights) = draw(&shares, 16, start);
+            drawn.iter().zip(&weights).map(|(n, w)| w * value(*n)).sum::<f64>() / 16.0
+        };
+        let mean = (0..4000).map(|n| of((f64::from(n) + 0.5) / 4000.0)).sum::<f64>() / 4000.0;
+        assert!((mean - truth).abs() < 1e-3 * truth, "{mean} {truth}");
+        assert_eq!(draw(&[], 0, 0.5), (vec![], vec![]));
     }
 
     /// A line of a polynomial of degree 4 is told exactly by blocks; a spike is not.

@@ -1,6 +1,5 @@
 //! Every way to an error that is worth a thought, with what it would take.
 
-use glam::DVec3;
 use mcvr_footprint::{FootprintOptions, Refine, footprints_in_all, predicted_error};
 use mcvr_raycast::Pilot;
 use mcvr_scene::{Camera, Density, Estimand, Occupancy};
@@ -11,7 +10,7 @@ use crate::Method;
 
 /// Predictions are held to this share of the error asked for: a pilot of some tens of lines errs by about a sixth, and more where a
 /// few bright pixels carry the error.
-pub(super) const MARGIN: f64 = 0.75;
+pub(super) const MARGIN: f64 = 0.8;
 
 /// Most pixels along the side of a block that shares a ray: larger ones save little.
 const BLOCKS: u32 = 4;
@@ -36,9 +35,12 @@ const PHASES: f64 = 0.6;
 /// where they cross them (measured on eight phantoms).
 const AREA: f64 = 2.0;
 
-/// Error of footprints as a share of what their law says, which holds for voxels that err independently: 0.15 to 0.9 on eight
-/// phantoms, below this in nine of ten images.
+/// Error of footprints as a share of what their law says: 0.15 to 0.7 on eight phantoms whose voxels are small beside [`WIDE`] pixels, and up
+/// to 1.5 for tubes of one voxel that is 6 pixels wide, whose errors are not independent.
 const LAW: f64 = 0.7;
+
+/// Side of a voxel in pixels beyond which the law is not trusted to fall.
+const WIDE: f64 = 2.8;
 
 /// Power of the samples a pixel by which the net's error falls (METHOD section 4: 1/2 to 2/3).
 const NET: f64 = 0.62;
@@ -146,13 +148,13 @@ fn footprints<'a>(
     let grid = density.volume().grid();
     let step = grid.index_to_world().matrix3;
     let middle = camera.project(grid.centre());
-    let [width, height] = [0, 1].map(|axis: usize| {
-        let along = |v: DVec3| {
-            let end = camera.project(grid.centre() + v);
-            if axis == 0 { (end.0 - middle.0).abs() } else { (end.1 - middle.1).abs() }
-        };
-        2.0 * (along(step.x_axis) + along(step.y_axis) + along(step.z_axis))
+    let steps = [step.x_axis, step.y_axis, step.z_axis].map(|v| {
+        let end = camera.project(grid.centre() + v);
+        [end.0 - middle.0, end.1 - middle.1]
     });
+    let [width, height] = [0, 1].map(|axis: usize| 2.0 * steps.iter().map(|s| s[axis].abs()).sum::<f64>());
+    let square = 0.5 * steps.iter().flatten().map(|s| s * s).sum::<f64>();
+    let law = LAW * (1.0 + square / (WIDE * WIDE)).sqrt();
     let pixels = camera.extent().pixels() as f64 * costs.pixel;
     (1..=PARTS).map(move |parts| {
         let options = FootprintOptions { estimand, refine: Refine::Cubic(parts), ..FootprintOptions::default() };
@@ -162,7 +164,7 @@ fn footprints<'a>(
             method: Method::Footprint,
             samples: number as u64,
             step: part,
-            error: LAW * predicted_error(density, camera, &options),
+            error: law * predicted_error(density, camera, &options),
             seconds: 1e-9 * (costs.tables + pixels + visited * costs.visit + number * each),
         }
     })

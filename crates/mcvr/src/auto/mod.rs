@@ -48,9 +48,9 @@ pub struct Choice {
 /// Tiles in which a pilot looks at a line of pixels: more where the image itself will take longer.
 fn tiles(error: f64) -> usize {
     match error {
-        e if e >= 0.05 => 40,
-        e if e >= 0.005 => 64,
-        _ => 96,
+        e if e >= 0.05 => 32,
+        e if e >= 0.005 => 48,
+        _ => 80,
     }
 }
 

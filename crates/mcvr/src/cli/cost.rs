@@ -38,16 +38,10 @@ pub struct Args {
     #[arg(long, value_name = "LIST", value_delimiter = ',', help_heading = "Volume")]
     sizes: Vec<usize>,
     /// Methods: mc, mc-quicksort, mc-binary, mc-linear, stratified, qmc, cloud (kept points, projected), rays, comb, march,
-    /// footprint (tent without effects), auto (whatever is chosen for each error), exact
-    #[arg(
-        long,
-        value_name = "LIST",
-        value_delimiter = ',',
-        default_value = "mc,stratified,qmc,rays,comb,march,auto,exact,cloud,mc-quicksort",
-        value_parser = entry,
-        help_heading = "Method"
-    )]
-    methods: Vec<Entry>,
+    /// footprint, auto (whatever is chosen for each error), exact [default: all but mc-binary and mc-linear; cloud and footprint
+    /// where there are no effects, footprint for tent]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = entry, help_heading = "Method")]
+    methods: Option<Vec<Entry>>,
     /// Sample counts, tried from small to large until an image takes too long
     #[arg(
         long,
@@ -172,7 +166,7 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
 
 /// Refuses what cannot be measured, before anything is read or written.
 fn check(args: &Args, samples: &[u64]) -> anyhow::Result<()> {
-    if args.methods.iter().any(|m| matches!(m, Entry::Sampler(_) | Entry::Cloud)) {
+    if args.methods.iter().flatten().any(|m| matches!(m, Entry::Sampler(_) | Entry::Cloud)) {
         samples.iter().try_for_each(|&m| check_samples(m))?;
     }
     let positive = |option: &str, values: &[f64]| match values.iter().find(|v| !(**v > 0.0 && v.is_finite())) {
@@ -226,16 +220,14 @@ fn subject_setup(args: &Args, volume: &VolumeArgs) -> anyhow::Result<Setup> {
     )?;
     setup.check_one_camera("cost")?;
     setup.check_effects()?;
-    if !setup.scenery.effects.is_plain() && args.methods.contains(&Entry::Cloud) {
+    let asked = |entry| args.methods.as_ref().is_some_and(|m| m.contains(&entry));
+    if !setup.scenery.effects.is_plain() && asked(Entry::Cloud) {
         bail!("--methods: a cloud holds positions only and shows the plain X-ray; leave out cloud, or the effects");
     }
-    if args.methods.contains(&Entry::Footprint) {
-        let plain = setup.scenery.effects.is_plain();
-        if !plain || !Method::Footprint.knows(setup.request.kernel) {
-            bail!(
-                "--methods: footprint makes plain X-rays of kernel tent; leave out footprint, or the effects and --kernel"
-            );
-        }
+    if asked(Entry::Footprint) && !serves(Entry::Footprint, &setup) {
+        bail!(
+            "--methods: footprint makes plain X-rays of kernel tent; leave out footprint, or the effects and --kernel"
+        );
     }
     let size = truth_size(&setup)?;
     process::check_memory(40 * size.pixels() as u64, &format!("comparing images of {size} pixels"))?;
@@ -272,9 +264,38 @@ fn options(args: &Args, setup: &Setup, density: &Density, lanes: &[usize]) -> an
     })
 }
 
+/// The methods of a run that names none, where they serve the scene.
+const METHODS: [Entry; 11] = [
+    Entry::Sampler(Method::Mc),
+    Entry::Sampler(Method::Stratified),
+    Entry::Sampler(Method::Qmc),
+    Entry::Rays,
+    Entry::Comb,
+    Entry::Footprint,
+    Entry::March,
+    Entry::Auto,
+    Entry::Exact,
+    Entry::Cloud,
+    Entry::Sampler(Method::McQuicksort),
+];
+
+/// Whether a method makes images of the scene.
+fn serves(entry: Entry, setup: &Setup) -> bool {
+    let plain = setup.scenery.effects.is_plain();
+    match entry {
+        Entry::Cloud => plain,
+        Entry::Footprint => plain && Method::Footprint.knows(setup.request.kernel),
+        _ => true,
+    }
+}
+
 /// The contestants of the options, in their order.
-fn contestants(args: &Args) -> Vec<Contestant> {
-    args.methods
+fn contestants(args: &Args, setup: &Setup) -> Vec<Contestant> {
+    let entries = match &args.methods {
+        Some(asked) => asked.clone(),
+        None => METHODS.into_iter().filter(|e| serves(*e, setup)).collect(),
+    };
+    entries
         .iter()
         .flat_map(|entry| match entry {
             Entry::Sampler(method) => vec![Contestant::Sampler(*method)],
@@ -290,13 +311,18 @@ fn contestants(args: &Args) -> Vec<Contestant> {
 }
 
 /// Budgets of a contestant for images of so many pixels.
-fn ladder(args: &Args, contestant: Contestant, samples: &[u64], pixels: u64) -> Vec<u64> {
+fn ladder(args: &Args, setup: &Setup, contestant: Contestant, samples: &[u64], pixels: u64) -> Vec<u64> {
+    // One ray for 4 by 4, 3 by 3 and 2 by 2 pixels, where these are averaged.
+    let blocks = if setup.scenery.effects.is_plain() && !setup.request.jitter { &[16, 9, 4][..] } else { &[] };
     let mut budgets: Vec<u64> = match contestant {
         Contestant::Sampler(_) | Contestant::Cloud => {
             samples.iter().copied().filter(|&m| m <= contestant.most()).collect()
         }
         Contestant::March(_) => [1, 4, 9, 16].iter().map(|rays| rays * pixels).collect(),
-        Contestant::Rays | Contestant::Comb(_) => [1, 4, 9].iter().map(|rays| rays * pixels).collect(),
+        Contestant::Rays | Contestant::Comb(_) => {
+            let rays = [1, 4, 9].iter().map(|rays| rays * pixels);
+            blocks.iter().map(|of| pixels.div_ceil(*of)).chain(rays).collect()
+        }
         Contestant::Footprint => vec![1],
         Contestant::Auto => args.targets.iter().map(|percent| (100.0 / percent).round() as u64).collect(),
         Contestant::Exact => args.tolerances.iter().map(|t| (1.0 / t).round() as u64).collect(),
@@ -337,7 +363,7 @@ fn measure(
         }
         let timed: Vec<(Contestant, usize, Timed<'_>)> = pools
             .iter()
-            .flat_map(|pool| contestants(args).into_iter().map(move |c| (c, pool)))
+            .flat_map(|pool| contestants(args, setup).into_iter().map(move |c| (c, pool)))
             .filter(|(c, _)| truth.is_some() || !matches!(c, Contestant::Exact | Contestant::Auto))
             .map(|(c, pool)| (c, pool.current_num_threads(), Timed::new(c, scenery, setup.request, pool, Some(cancel))))
             .collect();
@@ -346,7 +372,7 @@ fn measure(
             .map(|(contestant, threads, method)| Entrant {
                 method,
                 threads: *threads,
-                ladder: ladder(args, *contestant, samples, extent.pixels() as u64),
+                ladder: ladder(args, setup, *contestant, samples, extent.pixels() as u64),
                 preparations: contestant.preparations(setup.request.order),
                 plotted: !matches!(contestant, Contestant::Cloud | Contestant::Sampler(Method::McQuicksort)),
             })

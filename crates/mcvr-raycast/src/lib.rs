@@ -14,7 +14,7 @@
 //! A pinhole counts only depths `z ≥ near`.
 //!
 //! [`march`], its combs and [`cast_rays`] (a few rays a pixel, exact in depth) take `tent` rays sixteen at a time, with the image's own
-//! differences as the way from points to pixels ([`RayOptions::average`]); [`Pilot`] tells their errors from a few tiles.
+//! differences as the way from points to pixels ([`RayOptions::average`]); [`Pilot`] tells their errors from some lines of pixels.
 //!
 //! [`reference_with_look`] and [`march_with_look`] are the same with [effects](mcvr_scene::effects) on the integrand.
 //!

@@ -83,7 +83,9 @@ fn what_cannot_be_measured_is_said_and_nothing_is_written() {
         (&["phantom:lobster@8", "--steps=-1"], "--steps"),
         (&["phantom:lobster@8", "--longest", "inf"], "--longest"),
         (&["phantom:lobster@8", "--repeats", "0"], "repeats"),
-        (&["phantom:lobster@8", "--shade"], "leave out cloud"),
+        (&["phantom:lobster@8", "--shade", "--methods", "qmc,cloud"], "leave out cloud"),
+        (&["phantom:lobster@8", "--shade", "--methods", "rays"], "leave out rays"),
+        (&["phantom:lobster@8", "--kernel", "box", "--methods", "footprint"], "kernel tent"),
         (&["phantom:lobster@8", "--samples", "2^63"], "samples"),
     ] {
         let out = cost(folder.path(), &[args, &["-o", "run"]].concat());
@@ -91,6 +93,15 @@ fn what_cannot_be_measured_is_said_and_nothing_is_written() {
         assert!(out.status.code() == Some(1) && said.contains(words), "{args:?}: {said}");
         assert!(!folder.path().join("run").exists(), "{args:?}");
     }
+    // A scene with effects is measured without the methods that know none.
+    let shaded = ["phantom:lobster@8", "--shade", "--size", "8x8", "--samples", "2^4", "--longest", "0.001"];
+    let lit = cost(folder.path(), &[&shaded[..], &["--repeats", "2", "-o", "lit"]].concat());
+    assert!(lit.status.success(), "{}", String::from_utf8_lossy(&lit.stderr));
+    let report = std::fs::read_to_string(folder.path().join("lit/report.md")).unwrap();
+    assert!(
+        report.contains("| Monte Carlo |") && !report.contains("footprint") && !report.contains("cloud"),
+        "{report}"
+    );
     let unknown = cost(folder.path(), &["phantom:lobster@8", "--methods", "radon", "-o", "run"]);
     assert_eq!(unknown.status.code(), Some(2));
 }

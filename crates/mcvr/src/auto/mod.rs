@@ -1,7 +1,8 @@
 //! The method and the budget for an error, chosen by the program.
 //!
-//! [`choose`] casts the rays of a few tiles of the image ([`Pilot`]), so that it knows how the scan's depth and the pixels' areas
-//! resist rays, and compares what every candidate would take for the error that is asked for by a cost model in nanoseconds. Work is counted, never timed: the choice is the same on every machine and for any number of threads.
+//! [`choose`] casts the rays of some lines of pixels ([`Pilot`]), so that it knows how the scan's depth and the pixels' areas
+//! resist rays, and compares what every candidate would take for the error that is asked for by a cost model in nanoseconds. Work is
+//! counted, never timed: the choice is the same on every machine and for any number of threads.
 
 mod candidates;
 mod costs;

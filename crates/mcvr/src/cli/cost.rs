@@ -38,7 +38,7 @@ pub struct Args {
     #[arg(long, value_name = "LIST", value_delimiter = ',', help_heading = "Volume")]
     sizes: Vec<usize>,
     /// Methods: mc, mc-quicksort, mc-binary, mc-linear, stratified, qmc, cloud (kept points, projected), rays, comb, march,
-    /// footprint, auto (whatever is chosen for each error), exact [default: all but mc-binary and mc-linear; cloud and footprint
+    /// footprint, auto (whatever is chosen for each error), exact [default: all but mc-binary and mc-linear; rays, cloud and footprint
     /// where there are no effects, footprint for tent]
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = entry, help_heading = "Method")]
     methods: Option<Vec<Entry>>,
@@ -53,7 +53,7 @@ pub struct Args {
     /// March: steps in voxels, each with 1, 4, 9 and 16 rays a pixel
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "2,1,0.5", help_heading = "Method")]
     steps: Vec<f64>,
-    /// Comb: distances of samples in voxels, each with 1, 4 and 9 rays a pixel
+    /// Comb: distances of samples in voxels, each with 1, 4 and 9 rays a pixel and with one ray for 4, 9 and 16 pixels
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "8,4,2", help_heading = "Method")]
     combs: Vec<f64>,
     /// Exact: tolerances
@@ -224,6 +224,9 @@ fn subject_setup(args: &Args, volume: &VolumeArgs) -> anyhow::Result<Setup> {
     if !setup.scenery.effects.is_plain() && asked(Entry::Cloud) {
         bail!("--methods: a cloud holds positions only and shows the plain X-ray; leave out cloud, or the effects");
     }
+    if asked(Entry::Rays) && !serves(Entry::Rays, &setup) {
+        bail!("--methods: exact rays know no effects; leave out rays, or the effects");
+    }
     if asked(Entry::Footprint) && !serves(Entry::Footprint, &setup) {
         bail!(
             "--methods: footprint makes plain X-rays of kernel tent; leave out footprint, or the effects and --kernel"
@@ -283,7 +286,7 @@ const METHODS: [Entry; 11] = [
 fn serves(entry: Entry, setup: &Setup) -> bool {
     let plain = setup.scenery.effects.is_plain();
     match entry {
-        Entry::Cloud => plain,
+        Entry::Cloud | Entry::Rays => plain,
         Entry::Footprint => plain && Method::Footprint.knows(setup.request.kernel),
         _ => true,
     }

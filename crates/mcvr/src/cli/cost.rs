@@ -166,7 +166,8 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
 
 /// Refuses what cannot be measured, before anything is read or written.
 fn check(args: &Args, samples: &[u64]) -> anyhow::Result<()> {
-    if args.methods.iter().flatten().any(|m| matches!(m, Entry::Sampler(_) | Entry::Cloud)) {
+    let methods = args.methods.as_deref().unwrap_or(&METHODS);
+    if methods.iter().any(|m| matches!(m, Entry::Sampler(_) | Entry::Cloud)) {
         samples.iter().try_for_each(|&m| check_samples(m))?;
     }
     let positive = |option: &str, values: &[f64]| match values.iter().find(|v| !(**v > 0.0 && v.is_finite())) {

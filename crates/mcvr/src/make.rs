@@ -225,18 +225,22 @@ fn complete(
     watch: &Watch<'_>,
     start: Instant,
 ) -> Result<Made, MakeError> {
+    let looking = Instant::now();
     let choice = match request.method {
         Method::Auto => Some(Box::new(choose(density, scenery, request, watch)?)),
         _ => None,
     };
+    // A look is at one view: it is no part of what is done once for a volume.
+    let looked = looking.elapsed();
     let chosen = choice.as_ref().map_or(*request, |c| c.request(request));
     let mut made = if chosen.method.samples_volume() {
         check(&chosen)?;
-        sampled(density, scenery, &chosen, watch, start)?
+        sampled(density, scenery, &chosen, watch, start + looked)?
     } else {
-        cast(density, scenery, &chosen, watch, start)?
+        cast(density, scenery, &chosen, watch, start + looked)?
     };
     made.choice = choice;
+    made.seconds.sampling += looked.as_secs_f64();
     for image in made.colour.iter().flatten().chain([&made.image]) {
         check_finite(image)?;
     }

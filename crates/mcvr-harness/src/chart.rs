@@ -92,8 +92,20 @@ struct Layout {
     title_wrap: usize,
     caption_size: f64,
     wrap: usize,
-    key_below: bool,
+    key: Key,
 }
+
+/// Where the legend stands.
+#[derive(Clone, Copy, PartialEq)]
+enum Key {
+    /// In the corner of the field where it covers least.
+    Within,
+    Below,
+    Beside,
+}
+
+/// Most lines of a legend within the field.
+const MOST_WITHIN: usize = 9;
 
 impl Layout {
     const WIDE: Self = Self {
@@ -106,7 +118,7 @@ impl Layout {
         title_wrap: usize::MAX,
         caption_size: 12.0,
         wrap: 112,
-        key_below: false,
+        key: Key::Within,
     };
     const NARROW: Self = Self {
         width: 360,
@@ -118,7 +130,7 @@ impl Layout {
         title_wrap: 40,
         caption_size: 11.0,
         wrap: 56,
-        key_below: true,
+        key: Key::Below,
     };
 }
 
@@ -128,7 +140,14 @@ impl Chart {
     /// # Errors
     /// [`HarnessError::Plot`] when the drawing library refuses.
     pub(crate) fn svg(&self) -> Result<String, HarnessError> {
-        self.with_room().laid_out(&Layout::WIDE)
+        let (labels, width, _) = self.key_size();
+        if labels.len() <= MOST_WITHIN {
+            return self.with_room().laid_out(&Layout::WIDE);
+        }
+        // A long legend would hide the curves, whatever the corner.
+        let beside = width.ceil() + 16.0;
+        let width = Layout::WIDE.width + beside as i32;
+        self.laid_out(&Layout { width, right: Layout::WIDE.right + beside, key: Key::Beside, ..Layout::WIDE })
     }
 
     /// The same for a phone: narrow, the legend below the field.
@@ -145,7 +164,7 @@ impl Chart {
         let title = wrap(&self.title, layout.title_wrap);
         let caption: Vec<String> = self.caption.iter().flat_map(|line| wrap(line, layout.wrap)).collect();
         let field = self.field(layout, title.len(), caption.len());
-        let below = if layout.key_below { self.key_size().2 } else { 0.0 };
+        let below = if layout.key == Key::Below { self.key_size().2 } else { 0.0 };
         let css = [layout.width, (field.bottom + 62.0 + below + 16.0 * caption.len() as f64).ceil() as i32];
         let [width, height] = css.map(|side| (side * FINE) as u32);
         let area = SVGBackend::with_string(&mut svg, (width, height)).into_drawing_area();
@@ -219,9 +238,10 @@ impl Chart {
                 pen.marker(at(point), curve.style, color)?;
             }
         }
-        let (corner, below) = match layout.key_below {
-            true => ((layout.margin, field.bottom + 50.0), self.key_size().2),
-            false => (self.free_corner(field).0, 0.0),
+        let (corner, below) = match layout.key {
+            Key::Below => ((layout.margin, field.bottom + 50.0), self.key_size().2),
+            Key::Within => (self.free_corner(field).0, 0.0),
+            Key::Beside => ((field.right + 16.0, field.top), 0.0),
         };
         self.key(pen, corner, &styles)?;
         for (i, line) in caption.iter().enumerate() {

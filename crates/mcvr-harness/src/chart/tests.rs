@@ -99,6 +99,16 @@ fn a_legend_that_fits_nowhere_gets_a_decade_of_its_own() {
     assert_eq!(roomy.y.decades, [crowded.y.decades[0], crowded.y.decades[1] + 1]);
 }
 
+/// Of more curves than a corner holds: the legend is to the right of every point, and the axis as it was.
+#[test]
+fn a_long_legend_stands_beside_the_field() {
+    let width =
+        |svg: &str| -> f64 { svg.split("width=\"").nth(1).unwrap().split('"').next().unwrap().parse().unwrap() };
+    let [few, many] = [7, 12].map(|curves| chart(curves, &[1e3, 1e4, 1e5], 1.3).svg().unwrap());
+    assert!(width(&few) == 760.0 && width(&many) > 900.0, "{} {}", width(&few), width(&many));
+    assert!((0..12).all(|i| texts(&many).contains(&format!("Method number {i} of several").as_str())));
+}
+
 #[test]
 fn guides_stay_inside_the_field() {
     let chart = chart(1, &[1e3, 1e5], 1.0);

@@ -262,6 +262,15 @@ mod tests {
     }
 
     #[test]
+    fn equal_voxels_are_the_participation_ratio() {
+        let of = |voxels: Vec<u8>| Density::new(&volume(voxels), DensityMap::default()).unwrap().equal_voxels();
+        // 32² / 80 of eight of each.
+        let mixed = [[1, 3].repeat(4), vec![0; 30], [3, 1].repeat(4)].concat();
+        assert!((of(mixed) - 12.8).abs() < 1e-12);
+        assert!((of([vec![0; 17], vec![5; 9]].concat()) - 9.0).abs() < 1e-12);
+    }
+
+    #[test]
     fn mass_is_the_sum_of_weights_times_the_voxel_volume() {
         let d = Density::new(&volume(vec![0u8, 3, 250]), DensityMap::default()).unwrap();
         assert_eq!((d.mass(), d.report().positive), (506.0, 2));

@@ -12,7 +12,7 @@
 //! What is left is the image's roughness below a pixel, or a block. No value is invented where the image ends: rays are cast through a
 //! [margin](MARGIN) around it.
 
-use mcvr_scene::{Camera, Image, SceneError};
+use mcvr_scene::{Camera, Extent, Image, SceneError};
 use rayon::prelude::*;
 
 /// Values beyond the image on each side that the formulas read.
@@ -57,13 +57,10 @@ impl Rays {
 fn part(n: u32, of: u32) -> [f64; 5] {
     let width = 1.0 / f64::from(of);
     let middle = (f64::from(n) + 0.5) * width - 0.5;
-    let basis = |i: usize, x: f64| {
-        let others = (0..5).filter(|m| *m != i);
-        others.map(|m| (x + 2.0 - m as f64) / (i as f64 - m as f64)).product::<f64>()
-    };
     // Gauss' formula of three points: exact for degree 5.
     let away = 0.6f64.sqrt() * 0.5 * width;
-    std::array::from_fn(|i| (5.0 * (basis(i, middle - away) + basis(i, middle + away)) + 8.0 * basis(i, middle)) / 18.0)
+    let [before, at, after] = [middle - away, middle, middle + away].map(basis);
+    std::array::from_fn(|i| (5.0 * (before[i] + after[i]) + 8.0 * at[i]) / 18.0)
 }
 
 /// Rows of blocks that are made together.
@@ -80,7 +77,13 @@ pub(crate) fn over_pixels(wide: &Image, camera: &Camera, rays: Rays, scale: f64)
     if wide.extent().width != across || wide.extent().height != extent.height.div_ceil(side) + 2 * MARGIN {
         return Err(SceneError::Image(format!("{} pixels are not {extent} with a margin", wide.extent())));
     }
-    let (values, taps) = (wide.values(), rays.taps());
+    Ok(means((wide.values(), across), extent, rays, scale))
+}
+
+/// The same from rows of values, `across` in each, that begin [`MARGIN`] values before those of the image's first pixel, and reach at least
+/// as far beyond the last.
+pub(crate) fn means((values, across): (&[f64], usize), extent: Extent, rays: Rays, scale: f64) -> Image {
+    let (side, taps) = (rays.block() as usize, rays.taps());
     let mut image = Image::zeros(extent);
     image.values_mut().par_chunks_mut(BAND * side * extent.width).enumerate().for_each(|(band, rows)| {
         // Along y first, a row at a time.
@@ -100,7 +103,13 @@ pub(crate) fn over_pixels(wide: &Image, camera: &Camera, rays: Rays, scale: f64)
             }
         }
     });
-    Ok(image)
+    image
+}
+
+/// Factors on five values, at -2 to 2, for the polynomial of degree 4 through them at `x`.
+pub(crate) fn basis(x: f64) -> [f64; 5] {
+    let of = |i: usize| (0..5).filter(move |m| *m != i).map(move |m| (x + 2.0 - m as f64) / (i as f64 - m as f64));
+    std::array::from_fn(|i| of(i).product())
 }
 
 /// By what factor averaging lowers errors that are independent from ray to ray.

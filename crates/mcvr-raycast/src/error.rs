@@ -78,6 +78,28 @@ pub enum RaycastError {
         limit: u32,
     },
 
+    /// The error that may be left between rays is no share.
+    #[error("the error that adaptive rays may leave must be positive and finite (a share of the mean pixel), got {0}")]
+    Left(f64),
+
+    /// Adaptive rays begin at another distance.
+    #[error("adaptive rays begin with one for a block of 4, 2 or 1 pixels along a side, got {0}")]
+    Coarsest(u32),
+
+    /// Adaptive rays are for the plain X-ray.
+    #[error(
+        "rays are cast where the image needs them only for a plain X-ray by comb or rays under kernel 'tent', without jitter; \
+         cast a fixed number of rays a pixel"
+    )]
+    Adaptive,
+
+    /// Adaptive rays go sixteen at a time only.
+    #[error(
+        "adaptive rays go sixteen at a time, which serves voxels of 8 and 16 bits and f32 whose weights are in the range of f32, \
+         fewer than 2^31 of them, and linear maps of f32; cast a fixed number of rays a pixel"
+    )]
+    Packets,
+
     /// The image with its margin is too large.
     #[error("the image with a margin for its means: {0}")]
     Image(String),

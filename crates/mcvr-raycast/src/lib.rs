@@ -24,6 +24,7 @@
 //! reprojecting rays through pixel images*, IEEE Trans. Medical Imaging 1, 1982 (the march over interpolated samples).
 
 mod adaptive;
+mod adaptive_rays;
 mod average;
 mod bricks;
 mod cell;
@@ -50,6 +51,7 @@ mod sampled;
 mod view;
 mod walk;
 
+pub use adaptive_rays::{AdaptiveImage, AdaptiveOptions, cast_adaptive_rays};
 pub use counters::Counters;
 pub use effects::{LookReference, reference_with_look};
 pub use error::RaycastError;

@@ -145,7 +145,7 @@ fn glance(
     [columns, rows]: [usize; 2],
     spacing: f64,
     random: &mut Pcg64Dxsm,
-    cast: &Cast<'_>,
+    cast: &dyn Cast,
     counters: &mut Counters,
 ) -> Glance {
     let stride = columns + 2;
@@ -163,7 +163,7 @@ fn glance(
     let strips: Vec<Strip> = runs.iter().map(strip).collect();
     let places = std::array::from_fn(|l| (l * TILE + TILE / 2) as f64);
     let phases = strips.iter().map(|_| random.random()).collect();
-    let (seen, work) = cast(&[Job { along: Along::Comb(GLANCE * spacing), places, phases }], &strips);
+    let (seen, work) = cast.strips(&[Job { along: Along::Comb(GLANCE * spacing), places, phases }], &strips);
     work.iter().for_each(|w| *counters += *w);
     let mut values = vec![0.0; wanted.len()];
     for ((x, y), seen) in runs.iter().zip(&seen) {
@@ -214,7 +214,7 @@ fn of_blocks(line: &[f64; LANES]) -> [f64; 2] {
 impl Look for Sight {
     type Out = Pilot;
 
-    fn run(self, full: &[(usize, usize)], cast: &Cast<'_>) -> Pilot {
+    fn run(self, full: &[(usize, usize)], cast: &dyn Cast) -> Pilot {
         let Self { tiles, wanted, seed, spacing, extent: Extent { width, height } } = self;
         let pixels = width * height;
         let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
@@ -243,7 +243,7 @@ impl Look for Sight {
         let mut comb = |distance: f64| Job { along: Along::Comb(distance * spacing), places: LINE, phases: phases() };
         let exact = |places| Job { along: Along::Exact, places, phases: vec![[0.5; LANES]; number] };
         let mut run = |jobs: &[Job]| {
-            let (seen, work) = cast(jobs, &strips);
+            let (seen, work) = cast.strips(jobs, &strips);
             work.iter().for_each(|w| counters += *w);
             seen
         };

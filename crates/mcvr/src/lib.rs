@@ -45,7 +45,7 @@ pub use cloud::draw_cloud;
 pub use cloud_file::{CloudFileError, is_cloud, read_cloud, write_cloud, write_ply};
 pub use detector::{Detector, DetectorError};
 pub use entrants::{Contestant, Timed};
-pub use make::{Made, MakeError, Request, Scenery, make, make_first, make_of};
+pub use make::{Adaptive, Made, MakeError, Request, Scenery, make, make_first, make_of};
 pub use matrix_file::{MatrixFileError, read_matrix};
 pub use measured::Measured;
 pub use memory::keep_freed_memory;

@@ -8,7 +8,8 @@ use mcvr_harness::PhaseSeconds;
 use mcvr_mc::{OrderStatistics, Quicksorted, Stratified, Unsorted};
 use mcvr_qmc::{Scramble, SobolNet};
 use mcvr_raycast::{
-    MarchOptions, RayOptions, RaycastError, ReferenceOptions, cast_rays_with_look, march_with_look, reference_with_look,
+    AdaptiveImage, AdaptiveOptions, MarchImage, MarchOptions, RayOptions, RaycastError, ReferenceOptions,
+    cast_adaptive_rays, cast_rays_with_look, march_with_look, reference_with_look,
 };
 use mcvr_refine::{Goal, RefineError};
 use mcvr_sampling::{
@@ -16,6 +17,7 @@ use mcvr_sampling::{
 };
 use mcvr_scene::{Camera, Density, DensityMap, Effects, Estimand, Extent, Image, Kernel, SceneError, Watch};
 use mcvr_volume::Volume;
+use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::Method;
@@ -48,6 +50,24 @@ impl Scenery {
     }
 }
 
+/// How rays are to be cast where an image needs them; see [`AdaptiveOptions`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Adaptive {
+    /// Error that may be left between the rays: RMSE over the mean pixel.
+    pub left: f64,
+    /// Error along the rays, as far as it is known.
+    pub noise: f64,
+    /// Pixels along the side of the blocks that share a ray at first.
+    pub coarsest: u32,
+}
+
+impl Adaptive {
+    /// For an error that may be left, from blocks of 4 by 4 pixels down.
+    pub fn leaving(left: f64) -> Self {
+        Self { left, noise: 0.0, coarsest: 4 }
+    }
+}
+
 /// How an image is to be made.
 #[derive(Clone, Copy, Debug)]
 pub struct Request {
@@ -70,6 +90,8 @@ pub struct Request {
     pub step: f64,
     /// March, comb and rays: rays at random places in their pixels, which makes the image unbiased.
     pub jitter: bool,
+    /// Comb and rays: rays where the image needs them, however many those are, instead of `samples`.
+    pub adaptive: Option<Adaptive>,
     /// Tolerance of exact ray casting, relative to the mean pixel.
     pub tolerance: f64,
     /// Error that [`Method::Auto`] is to reach: RMSE over the mean pixel.
@@ -91,6 +113,7 @@ impl Default for Request {
             scramble: Scramble::default(),
             step: 1.0,
             jitter: false,
+            adaptive: None,
             tolerance: 1e-4,
             error: 0.01,
             cull: true,
@@ -375,6 +398,32 @@ fn cast(
             clipped: 0.0,
             samples: made.counters.footprints,
             counters: json!({ "footprint": made.counters }),
+            error: None,
+            choice: None,
+        });
+    }
+    if let Some(adaptive) = request.adaptive {
+        let served = matches!(request.method, Method::Comb | Method::Rays)
+            && kernel == Kernel::Tent
+            && look.is_plain()
+            && !request.jitter;
+        if !served {
+            return Err(MakeError::Raycast(RaycastError::Adaptive));
+        }
+        let Adaptive { left, noise, coarsest } = adaptive;
+        let step = (request.method == Method::Comb).then_some(request.step);
+        let options = AdaptiveOptions { step, left, noise, coarsest, estimand, seed };
+        let AdaptiveImage { made, left, rays } = cast_adaptive_rays(density, camera, &options, watch)?;
+        let MarchImage { image, counters, seconds } = made;
+        let levels: Vec<Value> = rays.iter().map(|(pitch, rays)| json!({ "pitch": pitch, "rays": rays })).collect();
+        return Ok(Made {
+            image,
+            colour: None,
+            seconds: phases(seconds),
+            mass,
+            clipped: 0.0,
+            samples: counters.rays,
+            counters: json!({ "march": counters, "adaptive": { "left": left, "levels": levels } }),
             error: None,
             choice: None,
         });

@@ -96,16 +96,35 @@ pub(crate) struct Seen {
     pub cells: u64,
 }
 
-/// Casts strips in several ways: what every job saw of every strip, and the work of every job. All jobs of a strip are done in turn, while
-/// its voxels are at hand.
-pub(crate) type Cast<'a> = dyn Fn(&[Job], &[Strip]) -> (Vec<Vec<Seen>>, Vec<Counters>) + 'a;
+/// Four by four rays at even distances: column and row among the squares that tile the image.
+pub(crate) type Square = [u32; 2];
 
-/// Code that looks at strips of an image.
+/// Rays of a square along an axis.
+pub(crate) const SIDE: usize = 4;
+
+/// Casts parts of an image.
+pub(crate) trait Cast {
+    /// Casts strips in several ways: what every job saw of every strip, and the work of every job. All jobs of a strip are done in
+    /// turn, while its voxels are at hand.
+    fn strips(&self, jobs: &[Job], strips: &[Strip]) -> (Vec<Vec<Seen>>, Vec<Counters>);
+
+    /// Casts squares of rays that are `pitch` pixels apart, the first of them half of that from the image's corner; values row by row.
+    /// Phases are those of the pixels of `points`, one for each ray.
+    fn squares(
+        &self,
+        along: Along,
+        pitch: f64,
+        points: &Points,
+        squares: &[Square],
+    ) -> (Vec<[f64; LANES]>, Counters);
+}
+
+/// Code that looks at parts of an image.
 pub(crate) trait Look {
     type Out;
 
     /// `full` are the columns and rows of the tiles whose rays can meet density.
-    fn run(self, full: &[(usize, usize)], cast: &Cast<'_>) -> Self::Out;
+    fn run(self, full: &[(usize, usize)], cast: &dyn Cast) -> Self::Out;
 }
 
 /// What is the same for all rays of a view.
@@ -169,6 +188,51 @@ impl<'a, 'w, T: Voxel, W: Weights<T>> Ready<'a, 'w, T, W> {
     }
 }
 
+impl<'a, T: Voxel, W: Weights<T> + Send + 'a> Cast for Ready<'a, '_, T, W> {
+    fn strips(&self, jobs: &[Job], strips: &[Strip]) -> (Vec<Vec<Seen>>, Vec<Counters>) {
+        let one = |job: &Job, optics: &Optics, n: usize, strip: &Strip| {
+            let (mut x, mut y) = ([strip.middle[0]; LANES], [strip.middle[1]; LANES]);
+            let along = if strip.upright { &mut y } else { &mut x };
+            along.iter_mut().zip(job.places).for_each(|(v, place)| *v += place);
+            let places = Places::new(x, y, job.phases[n], &self.tiles);
+            let share = self.tiles.share(strip.middle, (&places.columns, &places.rows));
+            let mut values = [0.0; LANES];
+            let work = self.cast((job.along, optics), &What::Places(&places), &mut values);
+            (Seen { values, share, samples: work.1.evaluations, cells: work.1.cells }, work)
+        };
+        let optics: Vec<Optics> = jobs.iter().map(|j| self.optics(j.along)).collect();
+        let all = |(n, strip): (usize, &Strip)| -> Vec<(Seen, (Counters, Work))> {
+            jobs.iter().zip(&optics).map(|(job, optics)| one(job, optics, n, strip)).collect()
+        };
+        let done: Vec<Vec<(Seen, (Counters, Work))>> = strips.par_iter().enumerate().with_min_len(4).map(all).collect();
+        let work = |job: usize| self.sum(done.iter().map(|s| s[job].1).collect());
+        let work = (0..jobs.len()).map(work).collect();
+        (done.iter().map(|s| s.iter().map(|(seen, _)| *seen).collect()).collect(), work)
+    }
+
+    fn squares(
+        &self,
+        along: Along,
+        pitch: f64,
+        points: &Points,
+        squares: &[Square],
+    ) -> (Vec<[f64; LANES]>, Counters) {
+        let optics = self.optics(along);
+        let one = |first: &Square| {
+            let first = first.map(|v| SIDE * v as usize);
+            let at = |l: usize| [first[0] + l % SIDE, first[1] + l / SIDE];
+            let place = |axis: usize| std::array::from_fn(|l| (at(l)[axis] as f64 + 0.5) * pitch);
+            let phases = std::array::from_fn(|l| points.of(at(l)[0], at(l)[1], 0)[2]);
+            let places = Places::new(place(0), place(1), phases, &self.tiles);
+            let mut values = [0.0; LANES];
+            let work = self.cast((along, &optics), &What::Places(&places), &mut values);
+            (values, work)
+        };
+        let (values, work): (Vec<_>, Vec<_>) = squares.par_iter().with_min_len(8).map(one).unzip();
+        (values, self.sum(work))
+    }
+}
+
 struct Whole<'a, 'w> {
     packets: &'w Packets<'a>,
     camera: &'w Camera,
@@ -210,29 +274,7 @@ impl<'a, V: Look> Visit<'a> for Parts<'_, '_, V> {
     fn run<T: Voxel, W: Weights<T> + Send + 'a>(self, field: Corners<'a, T, W>) -> Self::Out {
         let Self { packets, camera, estimand, watch, visit } = self;
         let ready = Ready::new(packets, &field, camera, estimand, watch);
-        let one = |job: &Job, optics: &Optics, n: usize, strip: &Strip| {
-            let (mut x, mut y) = ([strip.middle[0]; LANES], [strip.middle[1]; LANES]);
-            let along = if strip.upright { &mut y } else { &mut x };
-            along.iter_mut().zip(job.places).for_each(|(v, place)| *v += place);
-            let (columns, rows) = (ready.tiles.met(&x, 0), ready.tiles.met(&y, 1));
-            let share = ready.tiles.share(strip.middle, (&columns, &rows));
-            let mut values = [0.0; LANES];
-            let places = Places { x, y, phases: job.phases[n], columns, rows };
-            let work = ready.cast((job.along, optics), &What::Places(&places), &mut values);
-            (Seen { values, share, samples: work.1.evaluations, cells: work.1.cells }, work)
-        };
-        let cast = |jobs: &[Job], strips: &[Strip]| {
-            let optics: Vec<Optics> = jobs.iter().map(|j| ready.optics(j.along)).collect();
-            let all = |(n, strip): (usize, &Strip)| -> Vec<(Seen, (Counters, Work))> {
-                jobs.iter().zip(&optics).map(|(job, optics)| one(job, optics, n, strip)).collect()
-            };
-            let done: Vec<Vec<(Seen, (Counters, Work))>> =
-                strips.par_iter().enumerate().with_min_len(4).map(all).collect();
-            let work = |job: usize| ready.sum(done.iter().map(|s| s[job].1).collect());
-            let work = (0..jobs.len()).map(work).collect();
-            (done.iter().map(|s| s.iter().map(|(seen, _)| *seen).collect()).collect(), work)
-        };
-        visit.run(&ready.tiles.occupied(), &cast)
+        visit.run(&ready.tiles.occupied(), &ready)
     }
 }
 
@@ -251,6 +293,13 @@ struct Places {
     phases: [f64; LANES],
     columns: Range<usize>,
     rows: Range<usize>,
+}
+
+impl Places {
+    fn new(x: [f64; LANES], y: [f64; LANES], phases: [f64; LANES], tiles: &Tiles) -> Self {
+        let (columns, rows) = (tiles.met(&x, 0), tiles.met(&y, 1));
+        Self { x, y, phases, columns, rows }
+    }
 }
 
 /// What the tiles of an image share.

@@ -67,6 +67,7 @@ pub(super) fn candidates(
             method: Method::Rays,
             samples,
             step: 0.0,
+            adaptive: None,
             error: area / MARGIN,
             seconds: 1e-9 * (fixed + each * (costs.ray + costs.cell * pilot.cells)),
         });
@@ -76,6 +77,7 @@ pub(super) fn candidates(
                 method: Method::Comb,
                 samples,
                 step,
+                adaptive: None,
                 error: area.hypot(depth * fall) / MARGIN,
                 seconds: 1e-9 * (fixed + each * (costs.ray + costs.step * pilot.steps / step)),
             });
@@ -164,6 +166,7 @@ fn footprints<'a>(
             method: Method::Footprint,
             samples: number as u64,
             step: part,
+            adaptive: None,
             error: law * predicted_error(density, camera, &options),
             seconds: 1e-9 * (costs.tables + pixels + visited * costs.visit + number * each),
         }
@@ -180,6 +183,7 @@ fn net(volume: &Volume, pixels: u64, costs: &Costs, error: f64) -> Candidate {
         method: Method::Qmc,
         samples: samples as u64,
         step: 0.0,
+        adaptive: None,
         error: reached,
         seconds: 1e-9 * (fixed + samples * costs.sample),
     }

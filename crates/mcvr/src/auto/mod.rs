@@ -12,7 +12,7 @@ use mcvr_refine::Goal;
 use mcvr_scene::{Density, Kernel, Watch};
 use serde::Serialize;
 
-use crate::{MakeError, Method, Request, Scenery};
+use crate::{Adaptive, MakeError, Method, Request, Scenery};
 use candidates::candidates;
 use costs::Costs;
 
@@ -25,6 +25,8 @@ pub struct Candidate {
     pub samples: u64,
     /// Distance of samples along rays, in units of the smallest voxel spacing; 0 where there is none.
     pub step: f64,
+    /// Rays where the image needs them.
+    pub adaptive: Option<Adaptive>,
     /// The RMSE over the mean pixel that is expected.
     pub error: f64,
     /// Seconds on one thread that are expected, from the weights in memory to the finished image.
@@ -89,7 +91,8 @@ pub fn choose(density: &Density, scenery: &Scenery, request: &Request, watch: &W
 impl Choice {
     /// The request that makes the chosen image.
     pub fn request(&self, request: &Request) -> Request {
-        let Candidate { method, samples, step, .. } = self.chosen;
-        Request { method, samples, step: if step > 0.0 { step } else { request.step }, jitter: false, ..*request }
+        let Candidate { method, samples, step, adaptive, .. } = self.chosen;
+        let step = if step > 0.0 { step } else { request.step };
+        Request { method, samples, step, adaptive, jitter: false, ..*request }
     }
 }

@@ -127,6 +127,10 @@ pub struct MethodArgs {
     /// March, comb and rays: rays at random places in their pixels, which makes the image unbiased, instead of on a grid
     #[arg(long)]
     pub jitter: bool,
+    /// Comb and rays: rays where the image needs them, from one for 4 by 4 pixels to 64 in a pixel, until what is expected to be
+    /// left between them is at most this share of the mean pixel, such as 1%; instead of --samples
+    #[arg(long, value_name = "ERROR", value_parser = numbers::share)]
+    pub adaptive: Option<f64>,
     /// Exact ray casting: error of the pixel-area integral relative to the mean pixel [default: 1e-4]
     #[arg(long, value_name = "REL")]
     pub tolerance: Option<f64>,

@@ -193,7 +193,7 @@ fn record(setup: &Setup, view: &Viewpoint, made: &Planned) -> Value {
     record["input"] = json!(setup.input);
     record["request"] = json!({
         "method": r.method, "samples": r.samples, "seed": r.seed, "kernel": r.kernel, "estimand": r.estimand,
-        "order": r.order, "scramble": r.scramble, "cull": r.cull, "step": r.step, "tolerance": r.tolerance,
+        "order": r.order, "scramble": r.scramble, "cull": r.cull, "step": r.step, "adaptive": r.adaptive, "tolerance": r.tolerance,
     });
     record["drawn"] = json!(made.drawn);
     if let Some((image, verdicts)) = &made.outcome {

@@ -7,7 +7,7 @@ use anyhow::bail;
 use mcvr::scene::film::{Film, Tone};
 use mcvr::scene::{Camera, DensityMap, Extent, View};
 use mcvr::volume::{FileFormat, Grid, RawOptions};
-use mcvr::{CameraSection, ErrorSection, Method, Request, SceneFile, Scenery};
+use mcvr::{Adaptive, CameraSection, ErrorSection, Method, Request, SceneFile, Scenery};
 use serde_json::{Value, json};
 
 use super::args::{BudgetArgs, DensityArgs, ImageArgs, MethodArgs, ToneArgs, ViewArgs, VolumeArgs};
@@ -109,6 +109,7 @@ pub fn setup(
         step: method.step.or(sampling.step).unwrap_or(defaults.step),
         error: defaults.error,
         jitter: method.jitter || sampling.jitter.unwrap_or(defaults.jitter),
+        adaptive: method.adaptive.or(sampling.adaptive).map(Adaptive::leaving),
         cull: !method.no_cull && sampling.cull.unwrap_or(defaults.cull),
         tolerance: method.tolerance.or(sampling.tolerance).unwrap_or(defaults.tolerance),
     };
@@ -117,12 +118,24 @@ pub fn setup(
         let given = [
             ("samples", budget.samples.is_some() || by_scene && sampling.samples.is_some()),
             ("jitter", method.jitter || by_scene && sampling.jitter.is_some()),
+            ("rays", method.adaptive.is_some() || by_scene && sampling.adaptive.is_some()),
             ("step", method.step.is_some() || by_scene && sampling.step.is_some()),
         ];
         if let Some((name, _)) = given.iter().find(|(_, given)| *given) {
             bail!(
                 "--method auto chooses the {name} itself: leave {name} out, or name a method; --error says what auto is to reach"
             );
+        }
+    }
+    if request.adaptive.is_some() {
+        if ![Method::Comb, Method::Rays, Method::Auto].contains(&request.method) {
+            bail!("--adaptive says where rays are cast, and {} casts none so: use --method comb or rays", request.method);
+        }
+        if samples.is_some() {
+            bail!("--adaptive casts as many rays as the image needs: leave samples out, or leave --adaptive out");
+        }
+        if request.jitter {
+            bail!("--adaptive tells the image between rays on a grid: leave --jitter out, or leave --adaptive out");
         }
     }
     let base = scene.tone.unwrap_or_default();

@@ -99,6 +99,9 @@ pub struct SamplingSection {
     pub step: Option<f64>,
     /// March, comb and rays: rays at random places in their pixels, which makes the image unbiased.
     pub jitter: Option<bool>,
+    /// Comb and rays: rays where the image needs them, until at most this share of the mean pixel is expected to be left between
+    /// them, such as 0.01.
+    pub adaptive: Option<f64>,
     /// Tolerance of exact ray casting.
     pub tolerance: Option<f64>,
 }

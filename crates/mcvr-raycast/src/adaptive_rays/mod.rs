@@ -1,0 +1,364 @@
+//! Rays where an image needs them: few where it is smooth, many where it bends.
+//!
+//! One ray for a block of 4 by 4 pixels is cast first. Where the fourth differences of what they saw say that the polynomials through
+//! them err most, rays of half the distance follow, and so on down to parts of a pixel. How far expected errors are from true ones is
+//! seen wherever finer rays were cast, and puts the rest right. It ends when what is expected to be left is no more than asked for.
+//!
+//! M. Levoy, *Volume rendering by adaptive refinement*, The Visual Computer 6, 1990, places rays so by the differences of neighbours.
+//! Of all ways to leave a given sum of squared errors, the one with the fewest rays has the same expected gain of every ray: at each
+//! distance the places with the largest errors are given rays, every square of 4 by 4 rays costing the same.
+
+mod needs;
+mod raster;
+
+use std::time::Instant;
+
+use mcvr_scene::{Camera, Density, Estimand, Extent, Image, Watch};
+use mcvr_volume::SimdLevel;
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::average::{self, Rays};
+use crate::packet::{Along, Cast, LANES, Look, Packets, SIDE, Square, TILE};
+use crate::points::Points;
+use crate::{Counters, MarchImage, MarchOptions, RayOptions, RaycastError};
+use needs::Needs;
+use raster::Raster;
+
+/// How to cast rays where they are needed. `tent`, without effects.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct AdaptiveOptions {
+    /// Distance between the samples of a ray, in units of the smallest voxel spacing, with a random phase for every ray; `None`
+    /// integrates rays exactly.
+    pub step: Option<f64>,
+    /// The error that may be left between the rays: RMSE over the mean pixel. That along the rays comes on top.
+    pub left: f64,
+    /// Error along the rays, as far as it is known: RMSE over the mean pixel. It is not taken for an error between them.
+    pub noise: f64,
+    /// Pixels along the side of the blocks that share a ray at first: 4, 2 or 1.
+    pub coarsest: u32,
+    /// What a pixel means (METHOD section 2).
+    pub estimand: Estimand,
+    /// Seed of the phases.
+    pub seed: u64,
+}
+
+impl Default for AdaptiveOptions {
+    /// Exact rays that leave 1 %.
+    fn default() -> Self {
+        Self { step: None, left: 0.01, noise: 0.0, coarsest: 4, estimand: Estimand::default(), seed: 0 }
+    }
+}
+
+/// An image by rays where it needed them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AdaptiveImage {
+    /// The image, and all work. Samples of the comb or cells count as `evaluations` and `cells`.
+    pub made: MarchImage,
+    /// The error that is expected to be left between the rays: RMSE over the mean pixel. More than was asked for where
+    /// [`RAYS_LIMIT`](AdaptiveOptions::RAYS_LIMIT) rays a pixel do not suffice.
+    pub left: f64,
+    /// Rays at each distance, in pixels, those of dark places not counted.
+    pub rays: Vec<(f64, u64)>,
+}
+
+impl AdaptiveOptions {
+    /// Most rays in a pixel.
+    pub const RAYS_LIMIT: u32 = FINEST * FINEST;
+
+    fn check(&self, density: &Density) -> Result<(), RaycastError> {
+        let grid = density.volume().grid();
+        let rays = RayOptions { estimand: self.estimand, seed: self.seed, ..RayOptions::default() };
+        match self.step {
+            Some(step) => MarchOptions { step, random_phase: true, rays }.check(grid)?,
+            None => rays.check(grid)?,
+        }
+        if !(self.left > 0.0 && self.left.is_finite()) {
+            return Err(RaycastError::Left(self.left));
+        }
+        if ![1, 2, 4].contains(&self.coarsest) {
+            return Err(RaycastError::Coarsest(self.coarsest));
+        }
+        Ok(())
+    }
+}
+
+/// Casts rays where an image needs them; see the [options](AdaptiveOptions). The same image, bit for bit, for any number of threads and on
+/// any vector instructions. `watch` hears of all rows at the end.
+///
+/// # Errors
+/// [`RaycastError::Left`], [`RaycastError::Coarsest`], [`RaycastError::Step`], [`RaycastError::Steps`] or [`RaycastError::Extent`] for unusable
+/// options, [`RaycastError::Packets`] for a density that is not cast sixteen rays at a time, [`RaycastError::Image`] for an image that is too
+/// large, [`RaycastError::Cancelled`] when `watch` said so.
+pub fn cast_adaptive_rays(
+    density: &Density,
+    camera: &Camera,
+    options: &AdaptiveOptions,
+    watch: &Watch,
+) -> Result<AdaptiveImage, RaycastError> {
+    let start = Instant::now();
+    options.check(density)?;
+    let spacing = density.volume().grid().spacing().min_element();
+    let along = options.step.map_or(Along::Exact, |step| Along::Comb(step * spacing));
+    let wide = camera.in_blocks(1, MARGIN).map_err(|e| RaycastError::Image(e.to_string()))?;
+    let spread = Spread { options, along, extent: camera.extent(), watch };
+    let made = Packets::new(density).look(&wide, options.estimand, watch, spread).ok_or(RaycastError::Packets)?;
+    if watch.cancelled() {
+        return Err(RaycastError::Cancelled);
+    }
+    watch.advance(camera.extent().height as u64);
+    Ok(AdaptiveImage { made: MarchImage { seconds: start.elapsed().as_secs_f64(), ..made.made }, ..made })
+}
+
+/// Pixels around the image in which rays are cast: a square of rays of the widest distance.
+const MARGIN: usize = 16;
+
+/// Most rays along a pixel's side.
+const FINEST: u32 = 8;
+
+/// Error expected of a pixel for the root of its squared fourth differences along both axes, at distances of 4, 2 and 1 pixel. Where expected
+/// errors are wrong by a factor, that factor is found when the first of them are given rays.
+fn bend(pitch: usize) -> f64 {
+    match pitch {
+        4 => 0.05,
+        2 => 0.035,
+        _ => 0.015,
+    }
+}
+
+/// Share of what may be left that may stay at one distance, where finer ones follow.
+const SHARE: f64 = 0.5;
+
+/// Factor on squared errors when rays in a pixel are twice as close: the fourth power, as for kinks.
+const FALL: f64 = 1.0 / 16.0;
+
+/// Noise of a ray and of the polynomial through its neighbours, in the square of their difference, in units of a ray's.
+const BOTH: f64 = 1.8;
+
+/// Casts an image in rounds.
+struct Spread<'a> {
+    options: &'a AdaptiveOptions,
+    along: Along,
+    extent: Extent,
+    watch: &'a Watch<'a>,
+}
+
+impl Look for Spread<'_> {
+    type Out = AdaptiveImage;
+
+    fn run(self, full: &[(usize, usize)], cast: &dyn Cast) -> AdaptiveImage {
+        let mut rounds = Rounds::new(&self, cast);
+        let (mut raster, mut parents) = rounds.first(full);
+        let mut pitch = self.options.coarsest as usize;
+        let mut needs;
+        let mut candidates;
+        loop {
+            candidates = rounds.children(&parents, 2 * pitch);
+            needs = expected(&raster, &candidates, pitch);
+            if pitch == 1 || rounds.suffices(&needs) {
+                break;
+            }
+            pitch /= 2;
+            (raster, parents) = rounds.closer(pitch, &raster, &candidates, &mut needs);
+        }
+        let rays = if pitch == 1 { Rays::Grid(1) } else { Rays::Block(pitch as u32) };
+        let first = MARGIN / pitch - average::MARGIN;
+        let inner = &raster.values[first * raster.across + first..];
+        let mut image = average::means((inner, raster.across), self.extent, rays, 1.0);
+        if pitch == 1 && !rounds.suffices(&needs) {
+            rounds.within_pixels(&raster, candidates, needs, &mut image);
+        } else {
+            rounds.left += needs.left();
+        }
+        let left = if rounds.mean > 0.0 { (rounds.left / rounds.unit()).sqrt() } else { 0.0 };
+        let made = MarchImage { image, counters: rounds.counters, seconds: 0.0 };
+        AdaptiveImage { made, left, rays: rounds.rays }
+    }
+}
+
+/// What candidates for rays at half a distance are expected to gain.
+fn expected(raster: &Raster, candidates: &[Square], pitch: usize) -> Needs {
+    let (level, factor) = (SimdLevel::detect(), bend(pitch).powi(2) * (pitch * pitch) as f64);
+    let bends: Vec<f64> =
+        candidates.par_iter().with_min_len(256).map(|at| factor * raster.bend(level, *at)).collect();
+    Needs::new(bends.into_iter())
+}
+
+/// Rays of an image so far, and what they left. Errors are sums of squares over its pixels.
+struct Rounds<'a> {
+    spread: &'a Spread<'a>,
+    cast: &'a dyn Cast,
+    counters: Counters,
+    rays: Vec<(f64, u64)>,
+    mean: f64,
+    /// That may be left.
+    most: f64,
+    /// That is expected where no more rays come.
+    left: f64,
+}
+
+/// The whole number of squares of the widest distance that hold so many pixels, and the margin.
+fn region(pixels: usize) -> usize {
+    pixels.next_multiple_of(MARGIN) + 2 * MARGIN
+}
+
+impl<'a> Rounds<'a> {
+    fn new(spread: &'a Spread<'a>, cast: &'a dyn Cast) -> Self {
+        Self { spread, cast, counters: Counters::default(), rays: vec![], mean: 0.0, most: 0.0, left: 0.0 }
+    }
+
+    /// Sum of squares over the image that is an error of 1.
+    fn unit(&self) -> f64 {
+        self.mean * self.mean * self.spread.extent.pixels() as f64
+    }
+
+    /// Whether no more rays are needed, or wanted.
+    fn suffices(&self, needs: &Needs) -> bool {
+        needs.left() <= self.most - self.left || self.spread.watch.cancelled()
+    }
+
+    /// What the rays' noise adds to the square of a difference, in units of that of a ray.
+    fn noise(&self, times: f64) -> f64 {
+        times * (self.spread.options.noise * self.mean).powi(2)
+    }
+
+    /// Casts squares of rays at a distance.
+    fn squares(&mut self, pitch: f64, squares: &[Square]) -> Vec<[f64; LANES]> {
+        let Spread { options, along, .. } = *self.spread;
+        // Rays of different distances know nothing of each other.
+        let seed = options.seed ^ pitch.to_bits().rotate_left(20);
+        let points = Points::new(1, false, options.step.is_some(), seed);
+        let (values, work) = self.cast.squares(along, pitch, &points, squares);
+        match self.rays.last_mut().filter(|(p, _)| *p == pitch) {
+            Some((_, rays)) => *rays += work.rays,
+            None => self.rays.push((pitch, work.rays)),
+        }
+        self.counters += work;
+        values
+    }
+
+    /// All squares at the widest distance that meet a tile with density.
+    fn first(&mut self, full: &[(usize, usize)]) -> (Raster, Vec<Square>) {
+        let Extent { width, height } = self.spread.extent;
+        let pitch = self.spread.options.coarsest as usize;
+        let [across, down] = [width, height].map(region);
+        let stride = across / TILE;
+        let mut lit = vec![false; stride * (down / TILE)];
+        full.iter().for_each(|(x, y)| lit[y * stride + x] = true);
+        let side = SIDE * pitch;
+        let tiles = |n: u32| n as usize * side / TILE..((n as usize + 1) * side).div_ceil(TILE);
+        let meets = |at: &Square| tiles(at[1]).any(|y| tiles(at[0]).any(|x| lit[y * stride + x]));
+        let all = (0..(down / side) as u32).flat_map(|y| (0..(across / side) as u32).map(move |x| [x, y]));
+        let squares: Vec<Square> = all.filter(meets).collect();
+        let values = self.squares(pitch as f64, &squares);
+        let mut raster = Raster::zeros([across / pitch, down / pitch]);
+        squares.iter().zip(&values).for_each(|(at, v)| raster.put(*at, v));
+
+        let inside = |pixels: usize| MARGIN / pitch..(MARGIN + pixels).div_ceil(pitch);
+        let (x, y) = (inside(width), inside(height));
+        let rows = y.clone().map(|y| raster.values[y * raster.across..][x.clone()].iter().sum::<f64>());
+        self.mean = rows.sum::<f64>() / (x.len() * y.len()) as f64;
+        self.most = self.spread.options.left.powi(2) * self.unit();
+        (raster, squares)
+    }
+
+    /// The squares of `side` pixels in those of twice the side that meet the image.
+    fn children(&self, parents: &[Square], side: usize) -> Vec<Square> {
+        let Extent { width, height } = self.spread.extent;
+        let inside = |at: u32, pixels: usize| {
+            let at = at as usize * side;
+            at + side > MARGIN && at < MARGIN + pixels
+        };
+        let child = |[x, y]: &Square| {
+            let (x, y) = (2 * x, 2 * y);
+            [[x, y], [x + 1, y], [x, y + 1], [x + 1, y + 1]]
+        };
+        parents.iter().flat_map(child).filter(|at| inside(at[0], width) && inside(at[1], height)).collect()
+    }
+
+    /// Casts rays at a distance of `pitch` where they are needed: values at all places, and the squares with rays of their own.
+    fn closer(&mut self, pitch: usize, coarse: &Raster, at: &[Square], needs: &mut Needs) -> (Raster, Vec<Square>) {
+        let mut raster = coarse.finer();
+        let area = (pitch * pitch) as f64;
+        let noise = self.noise(BOTH * area * LANES as f64);
+        let budget = SHARE * (self.most - self.left);
+        let mut all = vec![];
+        loop {
+            let next = needs.next(budget);
+            if next.is_empty() || self.spread.watch.cancelled() {
+                self.left += needs.left();
+                return (raster, all);
+            }
+            let squares: Vec<Square> = next.iter().map(|n| at[*n]).collect();
+            let values = self.squares(pitch as f64, &squares);
+            needs.found(&next, squares.iter().zip(&values).map(|(at, v)| area * raster.difference(*at, v)), noise);
+            squares.iter().zip(&values).for_each(|(at, v)| raster.put(*at, v));
+            all.extend(squares);
+        }
+    }
+
+    /// Casts several rays a pixel where they are needed: candidates are of 2 by 2 pixels at first, then of one.
+    fn within_pixels(&mut self, raster: &Raster, candidates: Vec<Square>, needs: Needs, image: &mut Image) {
+        let Extent { width, height } = self.spread.extent;
+        let (mut at, mut needs, mut side) = (candidates, needs, 2);
+        let mut rays: u32 = 2;
+        loop {
+            // Squares of rays along a candidate.
+            let squares = side * rays / SIDE as u32;
+            let noise = self.noise(5.0 * f64::from(side * side) / f64::from(rays * rays));
+            let budget = if rays == FINEST { 0.0 } else { SHARE * (self.most - self.left) };
+            let mut finer = vec![];
+            loop {
+                let next = needs.next(budget);
+                if next.is_empty() || self.spread.watch.cancelled() {
+                    break;
+                }
+                let parts = |n: &usize| {
+                    let [x, y] = at[*n].map(|v| v * squares);
+                    (0..squares).flat_map(move |dy| (0..squares).map(move |dx| [x + dx, y + dy]))
+                };
+                let all: Vec<Square> = next.iter().flat_map(parts).collect();
+                let values = self.squares(f64::from(rays).recip(), &all);
+                let mut found = Vec::with_capacity(next.len());
+                for (n, values) in next.iter().zip(values.chunks_exact((squares * squares) as usize)) {
+                    let mut sum = 0.0;
+                    for (dx, dy) in (0..side).flat_map(|dy| (0..side).map(move |dx| (dx, dy))) {
+                        let [x, y] = [at[*n][0] * side + dx, at[*n][1] * side + dy].map(|v| v as usize);
+                        if x < MARGIN || y < MARGIN || x >= MARGIN + width || y >= MARGIN + height {
+                            continue;
+                        }
+                        let mean = mean_of(values, rays, side, [dx, dy]) + raster.curvature(x, y) / f64::from(24 * rays * rays);
+                        let pixel = &mut image.values_mut()[(y - MARGIN) * width + x - MARGIN];
+                        let square = (mean - *pixel) * (mean - *pixel);
+                        *pixel = mean;
+                        sum += square;
+                        finer.push(([x as u32, y as u32], square));
+                    }
+                    found.push(sum);
+                }
+                needs.found(&next, found.into_iter(), noise);
+            }
+            self.left += needs.left();
+            // Of the pixels that were given rays.
+            let rest = FALL * finer.iter().map(|(_, square)| square).sum::<f64>();
+            if rays == FINEST || rest <= self.most - self.left || self.spread.watch.cancelled() {
+                self.left += rest;
+                return;
+            }
+            needs = Needs::new(finer.iter().map(|(_, square)| FALL * square));
+            at = finer.into_iter().map(|(at, _)| at).collect();
+            (rays, side) = (2 * rays, 1);
+        }
+    }
+}
+
+/// Mean of the rays of one pixel of a candidate of `side` pixels, with `rays` along a pixel's side.
+fn mean_of(squares: &[[f64; LANES]], rays: u32, side: u32, [dx, dy]: [u32; 2]) -> f64 {
+    if side > 1 {
+        // A square holds 2 by 2 rays of each of 2 by 2 pixels.
+        let first = (dy as usize * 2) * SIDE + dx as usize * 2;
+        let v = &squares[0];
+        return 0.25 * ((v[first] + v[first + 1]) + (v[first + SIDE] + v[first + SIDE + 1]));
+    }
+    squares.iter().flatten().sum::<f64>() / f64::from(rays * rays)
+}

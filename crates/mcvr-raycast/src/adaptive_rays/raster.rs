@@ -1,0 +1,140 @@
+//! Values at the rays of one distance, known at some places and told from coarser ones elsewhere.
+
+use mcvr_volume::{SimdLevel, vectorised};
+use rayon::prelude::*;
+
+use crate::average::basis;
+use crate::packet::{LANES, SIDE, Square};
+
+/// Rows of values.
+pub(super) struct Raster {
+    pub across: usize,
+    pub values: Vec<f64>,
+}
+
+/// Rows that are made together.
+const BAND: usize = 16;
+
+/// Values around the 2 by 2 of a candidate from which its bend is told: three on every side.
+const PATCH: usize = 8;
+
+vectorised! {
+    /// A row of values at twice the distance's places along the row, from five rows of values around it.
+    fn finer_row(rows: [&[f64]; 5], down: [f64; 5], along: [[f64; 5]; 2], column: &mut [f64], out: &mut [f64]) = finer_row_body
+}
+
+#[inline(always)]
+fn finer_row_body(rows: [&[f64]; 5], down: [f64; 5], along: [[f64; 5]; 2], column: &mut [f64], out: &mut [f64]) {
+    let across = column.len() - 4;
+    let [a, b, c, d, e] = rows.map(|r| &r[..across]);
+    let inner = &mut column[2..across + 2];
+    for x in 0..across {
+        inner[x] = down[2] * c[x] + (down[1] * b[x] + down[3] * d[x]) + (down[0] * a[x] + down[4] * e[x]);
+    }
+    let out = &mut out[..2 * across];
+    let v = &column[..across + 4];
+    for x in 0..across {
+        for (n, t) in along.iter().enumerate() {
+            out[2 * x + n] = t[2] * v[x + 2] + (t[1] * v[x + 1] + t[3] * v[x + 3]) + (t[0] * v[x] + t[4] * v[x + 4]);
+        }
+    }
+}
+
+vectorised! {
+    /// Sum over the middle 2 by 2 of a patch of the squares of fourth differences along both axes, each averaged over a neighbourhood of 3 by 3.
+    fn bend_of_patch(patch: &[[f64; PATCH]; PATCH]) -> f64 = bend_of_patch_body
+}
+
+#[inline(always)]
+fn bend_of_patch_body(patch: &[[f64; PATCH]; PATCH]) -> f64 {
+    // Those that meet each of the 4 by 4 values around the middle among the four neighbourhoods.
+    const SHARES: [f64; 4] = [1.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0, 1.0 / 3.0];
+    let mut sum = [0.0; 4];
+    for y in 0..4 {
+        for x in 0..4 {
+            let (row, column) = (&patch[y + 2], x + 2);
+            let along = row[column - 2] - 4.0 * row[column - 1] + 6.0 * row[column] - 4.0 * row[column + 1] + row[column + 2];
+            let down = patch[y][column] - 4.0 * patch[y + 1][column] + 6.0 * patch[y + 2][column]
+                - 4.0 * patch[y + 3][column]
+                + patch[y + 4][column];
+            sum[x] += SHARES[y] * (along * along + down * down);
+        }
+    }
+    (SHARES[0] * sum[0] + SHARES[1] * sum[1]) + (SHARES[2] * sum[2] + SHARES[3] * sum[3])
+}
+
+impl Raster {
+    pub fn zeros([across, down]: [usize; 2]) -> Self {
+        Self { across, values: vec![0.0; across * down] }
+    }
+
+    fn down(&self) -> usize {
+        self.values.len() / self.across.max(1)
+    }
+
+    /// Values at half the distance: those of the polynomials through five values along each axis. Beyond the rim there is 0.
+    pub fn finer(&self) -> Self {
+        let (across, down) = (self.across, self.down());
+        let along = [basis(-0.25), basis(0.25)];
+        let mut out = Self::zeros([2 * across, 2 * down]);
+        let (level, none) = (SimdLevel::detect(), vec![0.0; across]);
+        out.values.par_chunks_mut(BAND * 2 * across).enumerate().for_each(|(band, rows)| {
+            let mut column = vec![0.0; across + 4];
+            for (n, out) in rows.chunks_exact_mut(2 * across).enumerate() {
+                let y = band * BAND + n;
+                let from = |by: usize| {
+                    let at = (y / 2 + by).checked_sub(2).filter(|at| *at < down);
+                    at.map_or(&none[..], |at| &self.values[at * across..][..across])
+                };
+                let rows = [from(0), from(1), from(2), from(3), from(4)];
+                // Most of many images is dark.
+                if rows.iter().all(|r| r.iter().all(|v| *v == 0.0)) {
+                    continue;
+                }
+                finer_row(level, rows, along[y % 2], along, &mut column, out);
+            }
+        });
+        out
+    }
+
+    /// Sum of squared fourth differences, along both axes, at the 2 by 2 values of a square of half the distance, and around them.
+    pub fn bend(&self, level: SimdLevel, at: Square) -> f64 {
+        let mut patch = [[0.0; PATCH]; PATCH];
+        let [x, y] = at.map(|v| 2 * v as usize);
+        let (left, right) = (3usize.saturating_sub(x), PATCH.min(self.across + 3 - x));
+        for (n, row) in patch.iter_mut().enumerate() {
+            if let Some(from) = (y + n).checked_sub(3).and_then(|y| self.values.get(y * self.across..)?.get(..self.across)) {
+                row[left..right].copy_from_slice(&from[x + left - 3..x + right - 3]);
+            }
+        }
+        bend_of_patch(level, &patch)
+    }
+
+    /// Sum of the second differences along both axes; 0 at the rim.
+    pub fn curvature(&self, x: usize, y: usize) -> f64 {
+        if x == 0 || y == 0 || x + 1 >= self.across || y + 1 >= self.down() {
+            return 0.0;
+        }
+        let at = |x: usize, y: usize| self.values[y * self.across + x];
+        (at(x - 1, y) + at(x + 1, y)) + (at(x, y - 1) + at(x, y + 1)) - 4.0 * at(x, y)
+    }
+
+    /// Puts a square's values in place.
+    pub fn put(&mut self, at: Square, values: &[f64; LANES]) {
+        let [x, y] = at.map(|v| SIDE * v as usize);
+        for (n, row) in values.chunks_exact(SIDE).enumerate() {
+            self.values[(y + n) * self.across + x..][..SIDE].copy_from_slice(row);
+        }
+    }
+
+    /// Sum of the squared differences between a square's values and those that are in place.
+    pub fn difference(&self, at: Square, values: &[f64; LANES]) -> f64 {
+        let [x, y] = at.map(|v| SIDE * v as usize);
+        let rows = values.chunks_exact(SIDE).enumerate();
+        let row = |(n, row): (usize, &[f64])| {
+            let own = &self.values[(y + n) * self.across + x..][..SIDE];
+            own.iter().zip(row).map(|(a, b)| (a - b) * (a - b)).sum::<f64>()
+        };
+        rows.map(row).sum()
+    }
+}

@@ -13,6 +13,7 @@
 //! [margin](MARGIN) around it.
 
 use mcvr_scene::{Camera, Extent, Image, SceneError};
+use mcvr_volume::{SimdLevel, vectorised};
 use rayon::prelude::*;
 
 /// Values beyond the image on each side that the formulas read.
@@ -84,6 +85,7 @@ pub(crate) fn over_pixels(wide: &Image, camera: &Camera, rays: Rays, scale: f64)
 /// as far beyond the last.
 pub(crate) fn means((values, across): (&[f64], usize), extent: Extent, rays: Rays, scale: f64) -> Image {
     let (side, taps) = (rays.block() as usize, rays.taps());
+    let level = SimdLevel::detect();
     let mut image = Image::zeros(extent);
     image.values_mut().par_chunks_mut(BAND * side * extent.width).enumerate().for_each(|(band, rows)| {
         // Along y first, a row at a time.
@@ -91,45 +93,66 @@ pub(crate) fn means((values, across): (&[f64], usize), extent: Extent, rays: Ray
         for (y, out) in rows.chunks_mut(extent.width).enumerate() {
             let first = band * BAND + y / side;
             let row = |dy: usize| &values[across * (first + dy)..][..across];
-            let (a, b, c, d, e) = (row(0), row(1), row(2), row(3), row(4));
-            let t = taps[y % side].map(|t| t * scale);
-            for (x, v) in column.iter_mut().enumerate() {
-                *v = t[2] * c[x] + t[1] * b[x] + t[3] * d[x] + (t[0] * a[x] + t[4] * e[x]);
-            }
-            for (n, t) in taps.iter().enumerate() {
-                for (v, c) in out[n.min(extent.width)..].iter_mut().step_by(side).zip(column.windows(5)) {
-                    *v = t[2] * c[2] + t[1] * c[1] + t[3] * c[3] + (t[0] * c[0] + t[4] * c[4]);
-                }
-            }
+            let rows = [row(0), row(1), row(2), row(3), row(4)];
+            means_of_row(level, rows, taps[y % side].map(|t| t * scale), &taps, &mut column, out);
         }
     });
     image
+}
+
+vectorised! {
+    /// A row of means from five rows of values: `down` along y, then `taps` along x, one set for each pixel of a block.
+    fn means_of_row(rows: [&[f64]; 5], down: [f64; 5], taps: &[[f64; 5]], column: &mut [f64], out: &mut [f64]) = means_of_row_body
+}
+
+#[inline(always)]
+fn means_of_row_body(rows: [&[f64]; 5], down: [f64; 5], taps: &[[f64; 5]], column: &mut [f64], out: &mut [f64]) {
+    let across = column.len();
+    let [a, b, c, d, e] = rows.map(|r| &r[..across]);
+    let t = down;
+    for x in 0..across {
+        column[x] = t[2] * c[x] + t[1] * b[x] + t[3] * d[x] + (t[0] * a[x] + t[4] * e[x]);
+    }
+    // Loops over as many as are known become vector code.
+    let side = taps.len();
+    match side {
+        1 => along::<1>(taps, column, out),
+        2 => along::<2>(taps, column, out),
+        4 => along::<4>(taps, column, out),
+        _ => {
+            for x in 0..out.len() {
+                out[x] = mean_at(&taps[x % side], &column[x / side..][..5]);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn mean_at(t: &[f64; 5], v: &[f64]) -> f64 {
+    t[2] * v[2] + t[1] * v[1] + t[3] * v[3] + (t[0] * v[0] + t[4] * v[4])
+}
+
+#[inline(always)]
+fn along<const SIDE: usize>(taps: &[[f64; 5]], column: &[f64], out: &mut [f64]) {
+    let whole = out.len() / SIDE;
+    let (v, taps) = (&column[..whole + 4], &taps[..SIDE]);
+    let inner = &mut out[..whole * SIDE];
+    for x in 0..whole {
+        for n in 0..SIDE {
+            let t = &taps[n];
+            inner[x * SIDE + n] = t[2] * v[x + 2] + t[1] * v[x + 1] + t[3] * v[x + 3] + (t[0] * v[x] + t[4] * v[x + 4]);
+        }
+    }
+    // Of the last block the image may have a part.
+    for x in whole * SIDE..out.len() {
+        out[x] = mean_at(&taps[x % SIDE], &column[whole..][..5]);
+    }
 }
 
 /// Factors on five values, at -2 to 2, for the polynomial of degree 4 through them at `x`.
 pub(crate) fn basis(x: f64) -> [f64; 5] {
     let of = |i: usize| (0..5).filter(move |m| *m != i).map(move |m| (x + 2.0 - m as f64) / (i as f64 - m as f64));
     std::array::from_fn(|i| of(i).product())
-}
-
-/// By what factor averaging lowers errors that are independent from ray to ray.
-pub(crate) fn noise(rays: Rays) -> f64 {
-    let taps = rays.taps();
-    taps.iter().flatten().map(|t| t * t).sum::<f64>() / taps.len() as f64
-}
-
-/// A pixel's mean along an axis from five values, or means of `n` of them a pixel: its own and those of its neighbours at one and two pixels.
-pub(crate) fn mean_of_pixel(v: &[f64], n: u32) -> f64 {
-    let [c0, c1, c2] = stencil(f64::from(n));
-    c0 * v[2] + c1 * (v[1] + v[3]) + c2 * (v[0] + v[4])
-}
-
-/// Mean square of what averaging along a line of pixels by one value a pixel leaves, judged by three values a pixel: those at a third of a
-/// pixel before, in, and after the centres. Of at least five pixels.
-pub(crate) fn left([before, at, after]: [&[f64]; 3]) -> f64 {
-    let three: Vec<f64> = at.iter().zip(before.iter().zip(after)).map(|(v, (a, b))| (v + a + b) / 3.0).collect();
-    let squares = at.windows(5).zip(three.windows(5)).map(|(o, t)| (mean_of_pixel(o, 1) - mean_of_pixel(t, 3)).powi(2));
-    squares.sum::<f64>() / (at.len() - 4) as f64
 }
 
 #[cfg(test)]

@@ -14,7 +14,8 @@
 //! A pinhole counts only depths `z ≥ near`.
 //!
 //! [`march`], its combs and [`cast_rays`] (a few rays a pixel, exact in depth) take `tent` rays sixteen at a time, with the image's own
-//! differences as the way from points to pixels ([`RayOptions::average`]); [`Pilot`] tells their errors from some lines of pixels.
+//! differences as the way from points to pixels ([`RayOptions::average`]). [`cast_adaptive_rays`] casts them where an image needs them, and
+//! [`look_and_cast`] tells errors and costs from the first of them.
 //!
 //! [`reference_with_look`] and [`march_with_look`] are the same with [effects](mcvr_scene::effects) on the integrand.
 //!
@@ -42,7 +43,6 @@ mod march_effects;
 mod neighbours;
 mod nested;
 mod packet;
-mod pilot;
 mod points;
 mod rays;
 mod reference;
@@ -51,7 +51,7 @@ mod sampled;
 mod view;
 mod walk;
 
-pub use adaptive_rays::{AdaptiveImage, AdaptiveOptions, cast_adaptive_rays};
+pub use adaptive_rays::{AdaptiveImage, AdaptiveOptions, LookOptions, Pilot, cast_adaptive_rays, look_and_cast};
 pub use counters::Counters;
 pub use effects::{LookReference, reference_with_look};
 pub use error::RaycastError;
@@ -59,6 +59,5 @@ pub use integrator::{Integrator, Rays};
 pub use march::{MarchOptions, march};
 pub use march_effects::{LookMarch, cast_rays_with_look, march_with_look};
 pub use mcvr_scene::Watch;
-pub use pilot::Pilot;
 pub use rays::{MarchImage, RayOptions, cast_rays};
 pub use reference::{ErrorEstimate, Reference, ReferenceOptions, reference};

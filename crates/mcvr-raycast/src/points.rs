@@ -57,14 +57,20 @@ impl Points {
             p[0] += self.stratum[0] * unit(first);
             p[1] += self.stratum[1] * unit(mix(first));
             if self.move_phases {
-                p[2] = (p[2] + unit(pixel)).fract();
+                p[2] = fraction(p[2] + unit(pixel));
             }
         } else if self.move_phases {
             // Phases of neighbouring pixels differ much, so that averages over pixels even them out.
-            p[2] = (p[2] + self.shift + x as f64 * PLASTIC[0] + y as f64 * PLASTIC[1]).fract();
+            p[2] = fraction(p[2] + self.shift + x as f64 * PLASTIC[0] + y as f64 * PLASTIC[1]);
         }
         p
     }
+}
+
+/// `fract` of numbers from 0 to 2^53, without a call on processors of which no more than SSE2 is known.
+#[inline(always)]
+fn fraction(v: f64) -> f64 {
+    v - v as i64 as f64
 }
 
 /// The top 53 bits as a number in [0, 1).

@@ -13,12 +13,14 @@ use std::path::{Path, PathBuf};
 
 use mcvr::harness::Comparison;
 use mcvr::scene::{Camera, Density, DensityMap, Extent, Hounsfield, Image, Transfer, View, Watch};
-use mcvr::{Method, Request, Scenery, make_of};
+use mcvr::{Adaptive, Method, Request, Scenery, make_of};
 use serde_json::{Value, json};
 
 const ERRORS: [f64; 4] = [0.1, 0.03, 0.01, 0.003];
 const VIEWS: [[f64; 2]; 3] = [[30.0, 20.0], [0.0, 0.0], [120.0, -35.0]];
 const STEPS: [f64; 9] = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 20.0];
+/// Errors that fixed settings of adaptive rays leave between the rays.
+const LEFT: [f64; 4] = [0.07, 0.02, 0.007, 0.002];
 
 type Failure = Box<dyn std::error::Error>;
 
@@ -28,7 +30,7 @@ struct Measured {
     seconds: f64,
 }
 
-/// Fixed settings: rays a pixel or pixels a ray, distances, samples.
+/// Fixed settings: rays a pixel or pixels a ray, or adaptive rays, distances, samples.
 fn settings(pixels: u64) -> Vec<(String, Request)> {
     let base = Request::default();
     let mut all = vec![];
@@ -39,6 +41,14 @@ fn settings(pixels: u64) -> Vec<(String, Request)> {
         for step in STEPS {
             let request = Request { method: Method::Comb, samples, step, ..base };
             all.push((format!("comb {step}, {name}"), request));
+        }
+    }
+    for left in LEFT {
+        let base = Request { adaptive: Some(Adaptive::leaving(left)), ..base };
+        let name = format!("leaving {} %", 100.0 * left);
+        all.push((format!("rays {name}"), Request { method: Method::Rays, ..base }));
+        for step in STEPS {
+            all.push((format!("comb {step} {name}"), Request { method: Method::Comb, step, ..base }));
         }
     }
     for n in 1..=3u64 {

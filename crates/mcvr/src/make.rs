@@ -1,7 +1,7 @@
 //! One image from one request, whatever the method.
 
 use std::borrow::Cow;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use mcvr_footprint::{FootprintError, FootprintOptions, Refine, footprints_with_look};
 use mcvr_harness::PhaseSeconds;
@@ -21,7 +21,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::Method;
-use crate::auto::{Choice, choose};
+use crate::auto::{Choice, choose_and_cast};
 
 /// What is looked at, and from where.
 #[derive(Clone, Debug)]
@@ -59,12 +59,21 @@ pub struct Adaptive {
     pub noise: f64,
     /// Pixels along the side of the blocks that share a ray at first.
     pub coarsest: u32,
+    /// Comb: distance of the first rays' samples, where it differs from that of the others.
+    pub first: Option<f64>,
 }
 
 impl Adaptive {
     /// For an error that may be left, from blocks of 4 by 4 pixels down.
     pub fn leaving(left: f64) -> Self {
-        Self { left, noise: 0.0, coarsest: 4 }
+        Self { left, noise: 0.0, coarsest: 4, first: None }
+    }
+
+    /// With what a request says besides.
+    pub(crate) fn options(self, request: &Request) -> AdaptiveOptions {
+        let Self { left, noise, coarsest, first } = self;
+        let step = (request.method == Method::Comb).then_some(request.step);
+        AdaptiveOptions { step, first, left, noise, coarsest, estimand: request.estimand, seed: request.seed }
     }
 }
 
@@ -249,14 +258,20 @@ fn complete(
     start: Instant,
 ) -> Result<Made, MakeError> {
     let looking = Instant::now();
-    let choice = match request.method {
-        Method::Auto => Some(Box::new(choose(density, scenery, request, watch)?)),
-        _ => None,
+    let (choice, cast_already) = match request.method {
+        Method::Auto => {
+            let (choice, image) = choose_and_cast(density, scenery, request, true, watch)?;
+            (Some(Box::new(choice)), image)
+        }
+        _ => (None, None),
     };
-    // A look is at one view: it is no part of what is done once for a volume.
-    let looked = looking.elapsed();
+    // A look is at one view: it is no part of what is done once for a volume. Of adaptive rays it is the beginning.
+    let looked = if cast_already.is_some() { Duration::ZERO } else { looking.elapsed() };
     let chosen = choice.as_ref().map_or(*request, |c| c.request(request));
-    let mut made = if chosen.method.samples_volume() {
+    let mut made = if let Some(image) = cast_already {
+        let before = looking.duration_since(start).as_secs_f64();
+        of_adaptive(image, *density.report(), before)
+    } else if chosen.method.samples_volume() {
         check(&chosen)?;
         sampled(density, scenery, &chosen, watch, start + looked)?
     } else {
@@ -410,23 +425,8 @@ fn cast(
         if !served {
             return Err(MakeError::Raycast(RaycastError::Adaptive));
         }
-        let Adaptive { left, noise, coarsest } = adaptive;
-        let step = (request.method == Method::Comb).then_some(request.step);
-        let options = AdaptiveOptions { step, left, noise, coarsest, estimand, seed };
-        let AdaptiveImage { made, left, rays } = cast_adaptive_rays(density, camera, &options, watch)?;
-        let MarchImage { image, counters, seconds } = made;
-        let levels: Vec<Value> = rays.iter().map(|(pitch, rays)| json!({ "pitch": pitch, "rays": rays })).collect();
-        return Ok(Made {
-            image,
-            colour: None,
-            seconds: phases(seconds),
-            mass,
-            clipped: 0.0,
-            samples: counters.rays,
-            counters: json!({ "march": counters, "adaptive": { "left": left, "levels": levels } }),
-            error: None,
-            choice: None,
-        });
+        let made = cast_adaptive_rays(density, camera, &adaptive.options(request), watch)?;
+        return Ok(of_adaptive(made, mass, distribution));
     }
     if request.method != Method::Exact {
         let rays_per_pixel = rays_per_pixel(request.samples, camera, request.jitter);
@@ -473,6 +473,23 @@ fn cast(
         error: Some(made.rel_rmse_estimate),
         choice: None,
     })
+}
+
+/// What adaptive rays made.
+fn of_adaptive(made: AdaptiveImage, mass: mcvr_scene::MassReport, distribution: f64) -> Made {
+    let AdaptiveImage { made: MarchImage { image, counters, seconds }, left, rays } = made;
+    let levels: Vec<Value> = rays.iter().map(|(pitch, rays)| json!({ "pitch": pitch, "rays": rays })).collect();
+    Made {
+        image,
+        colour: None,
+        seconds: PhaseSeconds { distribution, sampling: 0.0, projection: seconds, complete: 0.0 },
+        mass,
+        clipped: 0.0,
+        samples: counters.rays,
+        counters: json!({ "march": counters, "adaptive": { "left": left, "levels": levels } }),
+        error: None,
+        choice: None,
+    }
 }
 
 /// One channel, or the mean of three and the three.

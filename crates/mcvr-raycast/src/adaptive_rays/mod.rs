@@ -8,6 +8,7 @@
 //! Of all ways to leave a given sum of squared errors, the one with the fewest rays has the same expected gain of every ray: at each
 //! distance the places with the largest errors are given rays, every square of 4 by 4 rays costing the same.
 
+mod look;
 mod needs;
 mod raster;
 
@@ -22,6 +23,7 @@ use crate::average::{self, Rays};
 use crate::packet::{Along, Cast, LANES, Look, Packets, SIDE, Square, TILE};
 use crate::points::Points;
 use crate::{Counters, MarchImage, MarchOptions, RayOptions, RaycastError};
+pub use look::{LookOptions, Pilot, look_and_cast};
 use needs::Needs;
 use raster::Raster;
 
@@ -31,6 +33,8 @@ pub struct AdaptiveOptions {
     /// Distance between the samples of a ray, in units of the smallest voxel spacing, with a random phase for every ray; `None`
     /// integrates rays exactly.
     pub step: Option<f64>,
+    /// The same of the first rays, where it differs.
+    pub first: Option<f64>,
     /// The error that may be left between the rays: RMSE over the mean pixel. That along the rays comes on top.
     pub left: f64,
     /// Error along the rays, as far as it is known: RMSE over the mean pixel. It is not taken for an error between them.
@@ -46,7 +50,7 @@ pub struct AdaptiveOptions {
 impl Default for AdaptiveOptions {
     /// Exact rays that leave 1 %.
     fn default() -> Self {
-        Self { step: None, left: 0.01, noise: 0.0, coarsest: 4, estimand: Estimand::default(), seed: 0 }
+        Self { step: None, first: None, left: 0.01, noise: 0.0, coarsest: 4, estimand: Estimand::default(), seed: 0 }
     }
 }
 
@@ -69,9 +73,9 @@ impl AdaptiveOptions {
     fn check(&self, density: &Density) -> Result<(), RaycastError> {
         let grid = density.volume().grid();
         let rays = RayOptions { estimand: self.estimand, seed: self.seed, ..RayOptions::default() };
-        match self.step {
-            Some(step) => MarchOptions { step, random_phase: true, rays }.check(grid)?,
-            None => rays.check(grid)?,
+        rays.check(grid)?;
+        for step in [self.step, self.first].into_iter().flatten() {
+            MarchOptions { step, random_phase: true, rays }.check(grid)?;
         }
         if !(self.left > 0.0 && self.left.is_finite()) {
             return Err(RaycastError::Left(self.left));
@@ -98,11 +102,24 @@ pub fn cast_adaptive_rays(
 ) -> Result<AdaptiveImage, RaycastError> {
     let start = Instant::now();
     options.check(density)?;
-    let spacing = density.volume().grid().spacing().min_element();
-    let along = options.step.map_or(Along::Exact, |step| Along::Comb(step * spacing));
-    let wide = camera.in_blocks(1, MARGIN).map_err(|e| RaycastError::Image(e.to_string()))?;
-    let spread = Spread { options, along, extent: camera.extent(), watch };
+    let wide = wide(camera)?;
+    let spread = Spread { options, scene: Scene::new(density, camera, watch) };
     let made = Packets::new(density).look(&wide, options.estimand, watch, spread).ok_or(RaycastError::Packets)?;
+    finished(made, camera, watch, start)
+}
+
+/// A camera with the margin in which rays are cast.
+fn wide(camera: &Camera) -> Result<Camera, RaycastError> {
+    camera.in_blocks(1, MARGIN).map_err(|e| RaycastError::Image(e.to_string()))
+}
+
+/// Tells the watch of an image, and the image of its time.
+fn finished(
+    made: AdaptiveImage,
+    camera: &Camera,
+    watch: &Watch,
+    start: Instant,
+) -> Result<AdaptiveImage, RaycastError> {
     if watch.cancelled() {
         return Err(RaycastError::Cancelled);
     }
@@ -135,58 +152,51 @@ const FALL: f64 = 1.0 / 16.0;
 /// Noise of a ray and of the polynomial through its neighbours, in the square of their difference, in units of a ray's.
 const BOTH: f64 = 1.8;
 
+/// Squared fourth differences, along both axes, of values that are noise with a variance of 1.
+const NOISY: f64 = 2.0 * 70.0;
+
+/// Expected errors are those beyond what noise looks like, times this: it is not the same everywhere.
+const DOUBT: f64 = 1.5;
+
+/// What is the same for all rays of an image.
+#[derive(Clone, Copy)]
+struct Scene<'a> {
+    extent: Extent,
+    /// Smallest voxel spacing.
+    spacing: f64,
+    watch: &'a Watch<'a>,
+}
+
+impl<'a> Scene<'a> {
+    fn new(density: &Density, camera: &Camera, watch: &'a Watch<'a>) -> Self {
+        Self { extent: camera.extent(), spacing: density.volume().grid().spacing().min_element(), watch }
+    }
+
+    fn along(&self, step: Option<f64>) -> Along {
+        step.map_or(Along::Exact, |step| Along::Comb(step * self.spacing))
+    }
+}
+
 /// Casts an image in rounds.
 struct Spread<'a> {
     options: &'a AdaptiveOptions,
-    along: Along,
-    extent: Extent,
-    watch: &'a Watch<'a>,
+    scene: Scene<'a>,
 }
 
 impl Look for Spread<'_> {
     type Out = AdaptiveImage;
 
     fn run(self, full: &[(usize, usize)], cast: &dyn Cast) -> AdaptiveImage {
-        let mut rounds = Rounds::new(&self, cast);
-        let (mut raster, mut parents) = rounds.first(full);
-        let mut pitch = self.options.coarsest as usize;
-        let mut needs;
-        let mut candidates;
-        loop {
-            candidates = rounds.children(&parents, 2 * pitch);
-            needs = expected(&raster, &candidates, pitch);
-            if pitch == 1 || rounds.suffices(&needs) {
-                break;
-            }
-            pitch /= 2;
-            (raster, parents) = rounds.closer(pitch, &raster, &candidates, &mut needs);
-        }
-        let rays = if pitch == 1 { Rays::Grid(1) } else { Rays::Block(pitch as u32) };
-        let first = MARGIN / pitch - average::MARGIN;
-        let inner = &raster.values[first * raster.across + first..];
-        let mut image = average::means((inner, raster.across), self.extent, rays, 1.0);
-        if pitch == 1 && !rounds.suffices(&needs) {
-            rounds.within_pixels(&raster, candidates, needs, &mut image);
-        } else {
-            rounds.left += needs.left();
-        }
-        let left = if rounds.mean > 0.0 { (rounds.left / rounds.unit()).sqrt() } else { 0.0 };
-        let made = MarchImage { image, counters: rounds.counters, seconds: 0.0 };
-        AdaptiveImage { made, left, rays: rounds.rays }
+        let mut rounds = Rounds::new(*self.options, self.scene, cast);
+        let (raster, squares) = rounds.first(full);
+        rounds.rest(raster, squares)
     }
-}
-
-/// What candidates for rays at half a distance are expected to gain.
-fn expected(raster: &Raster, candidates: &[Square], pitch: usize) -> Needs {
-    let (level, factor) = (SimdLevel::detect(), bend(pitch).powi(2) * (pitch * pitch) as f64);
-    let bends: Vec<f64> =
-        candidates.par_iter().with_min_len(256).map(|at| factor * raster.bend(level, *at)).collect();
-    Needs::new(bends.into_iter())
 }
 
 /// Rays of an image so far, and what they left. Errors are sums of squares over its pixels.
 struct Rounds<'a> {
-    spread: &'a Spread<'a>,
+    options: AdaptiveOptions,
+    scene: Scene<'a>,
     cast: &'a dyn Cast,
     counters: Counters,
     rays: Vec<(f64, u64)>,
@@ -203,32 +213,39 @@ fn region(pixels: usize) -> usize {
 }
 
 impl<'a> Rounds<'a> {
-    fn new(spread: &'a Spread<'a>, cast: &'a dyn Cast) -> Self {
-        Self { spread, cast, counters: Counters::default(), rays: vec![], mean: 0.0, most: 0.0, left: 0.0 }
+    fn new(options: AdaptiveOptions, scene: Scene<'a>, cast: &'a dyn Cast) -> Self {
+        Self { options, scene, cast, counters: Counters::default(), rays: vec![], mean: 0.0, most: 0.0, left: 0.0 }
     }
 
     /// Sum of squares over the image that is an error of 1.
     fn unit(&self) -> f64 {
-        self.mean * self.mean * self.spread.extent.pixels() as f64
+        self.mean * self.mean * self.scene.extent.pixels() as f64
     }
 
     /// Whether no more rays are needed, or wanted.
     fn suffices(&self, needs: &Needs) -> bool {
-        needs.left() <= self.most - self.left || self.spread.watch.cancelled()
+        needs.left() <= self.most - self.left || self.scene.watch.cancelled()
     }
 
-    /// What the rays' noise adds to the square of a difference, in units of that of a ray.
-    fn noise(&self, times: f64) -> f64 {
-        times * (self.spread.options.noise * self.mean).powi(2)
+    /// Variance of a ray's noise for a value of 1: it is taken to rise with the value.
+    fn noise(&self) -> f64 {
+        self.options.noise * self.options.noise * self.mean
+    }
+
+    /// What candidates for rays at half a distance are expected to gain.
+    fn expected(&self, raster: &Raster, candidates: &[Square], pitch: usize) -> Vec<f64> {
+        let (level, factor) = (SimdLevel::detect(), bend(pitch).powi(2) * (pitch * pitch) as f64);
+        let noise = DOUBT * NOISY * self.noise();
+        let one = |at: &Square| factor * (raster.bend(level, *at) - noise * raster.sum(*at)).max(0.0);
+        candidates.par_iter().with_min_len(256).map(one).collect()
     }
 
     /// Casts squares of rays at a distance.
-    fn squares(&mut self, pitch: f64, squares: &[Square]) -> Vec<[f64; LANES]> {
-        let Spread { options, along, .. } = *self.spread;
+    fn squares(&mut self, step: Option<f64>, pitch: f64, squares: &[Square]) -> Vec<[f64; LANES]> {
         // Rays of different distances know nothing of each other.
-        let seed = options.seed ^ pitch.to_bits().rotate_left(20);
-        let points = Points::new(1, false, options.step.is_some(), seed);
-        let (values, work) = self.cast.squares(along, pitch, &points, squares);
+        let seed = self.options.seed ^ pitch.to_bits().rotate_left(20);
+        let points = Points::new(1, false, step.is_some(), seed);
+        let (values, work) = self.cast.squares(self.scene.along(step), pitch, &points, squares);
         match self.rays.last_mut().filter(|(p, _)| *p == pitch) {
             Some((_, rays)) => *rays += work.rays,
             None => self.rays.push((pitch, work.rays)),
@@ -239,8 +256,8 @@ impl<'a> Rounds<'a> {
 
     /// All squares at the widest distance that meet a tile with density.
     fn first(&mut self, full: &[(usize, usize)]) -> (Raster, Vec<Square>) {
-        let Extent { width, height } = self.spread.extent;
-        let pitch = self.spread.options.coarsest as usize;
+        let Extent { width, height } = self.scene.extent;
+        let pitch = self.options.coarsest as usize;
         let [across, down] = [width, height].map(region);
         let stride = across / TILE;
         let mut lit = vec![false; stride * (down / TILE)];
@@ -250,7 +267,7 @@ impl<'a> Rounds<'a> {
         let meets = |at: &Square| tiles(at[1]).any(|y| tiles(at[0]).any(|x| lit[y * stride + x]));
         let all = (0..(down / side) as u32).flat_map(|y| (0..(across / side) as u32).map(move |x| [x, y]));
         let squares: Vec<Square> = all.filter(meets).collect();
-        let values = self.squares(pitch as f64, &squares);
+        let values = self.squares(self.options.first.or(self.options.step), pitch as f64, &squares);
         let mut raster = Raster::zeros([across / pitch, down / pitch]);
         squares.iter().zip(&values).for_each(|(at, v)| raster.put(*at, v));
 
@@ -258,13 +275,41 @@ impl<'a> Rounds<'a> {
         let (x, y) = (inside(width), inside(height));
         let rows = y.clone().map(|y| raster.values[y * raster.across..][x.clone()].iter().sum::<f64>());
         self.mean = rows.sum::<f64>() / (x.len() * y.len()) as f64;
-        self.most = self.spread.options.left.powi(2) * self.unit();
         (raster, squares)
+    }
+
+    /// All rays but the first, and the image.
+    fn rest(mut self, mut raster: Raster, mut parents: Vec<Square>) -> AdaptiveImage {
+        self.most = self.options.left.powi(2) * self.unit();
+        let mut pitch = self.options.coarsest as usize;
+        let mut needs;
+        let mut candidates;
+        loop {
+            candidates = self.children(&parents, 2 * pitch);
+            needs = Needs::new(self.expected(&raster, &candidates, pitch).into_iter());
+            if pitch == 1 || self.suffices(&needs) {
+                break;
+            }
+            pitch /= 2;
+            (raster, parents) = self.closer(pitch, &raster, &candidates, &mut needs);
+        }
+        let rays = if pitch == 1 { Rays::Grid(1) } else { Rays::Block(pitch as u32) };
+        let first = MARGIN / pitch - average::MARGIN;
+        let inner = &raster.values[first * raster.across + first..];
+        let mut image = average::means((inner, raster.across), self.scene.extent, rays, 1.0);
+        if pitch == 1 && !self.suffices(&needs) {
+            self.within_pixels(&raster, candidates, needs, &mut image);
+        } else {
+            self.left += needs.left();
+        }
+        let left = if self.mean > 0.0 { (self.left / self.unit()).sqrt() } else { 0.0 };
+        let made = MarchImage { image, counters: self.counters, seconds: 0.0 };
+        AdaptiveImage { made, left, rays: self.rays }
     }
 
     /// The squares of `side` pixels in those of twice the side that meet the image.
     fn children(&self, parents: &[Square], side: usize) -> Vec<Square> {
-        let Extent { width, height } = self.spread.extent;
+        let Extent { width, height } = self.scene.extent;
         let inside = |at: u32, pixels: usize| {
             let at = at as usize * side;
             at + side > MARGIN && at < MARGIN + pixels
@@ -280,18 +325,20 @@ impl<'a> Rounds<'a> {
     fn closer(&mut self, pitch: usize, coarse: &Raster, at: &[Square], needs: &mut Needs) -> (Raster, Vec<Square>) {
         let mut raster = coarse.finer();
         let area = (pitch * pitch) as f64;
-        let noise = self.noise(BOTH * area * LANES as f64);
+        let noise = BOTH * area * self.noise();
         let budget = SHARE * (self.most - self.left);
         let mut all = vec![];
         loop {
             let next = needs.next(budget);
-            if next.is_empty() || self.spread.watch.cancelled() {
+            if next.is_empty() || self.scene.watch.cancelled() {
                 self.left += needs.left();
                 return (raster, all);
             }
             let squares: Vec<Square> = next.iter().map(|n| at[*n]).collect();
-            let values = self.squares(pitch as f64, &squares);
-            needs.found(&next, squares.iter().zip(&values).map(|(at, v)| area * raster.difference(*at, v)), noise);
+            let values = self.squares(self.options.step, pitch as f64, &squares);
+            let found = squares.iter().zip(&values);
+            let found = found.map(|(at, v)| (area * raster.difference(*at, v), noise * v.iter().sum::<f64>()));
+            needs.found(&next, found);
             squares.iter().zip(&values).for_each(|(at, v)| raster.put(*at, v));
             all.extend(squares);
         }
@@ -299,18 +346,19 @@ impl<'a> Rounds<'a> {
 
     /// Casts several rays a pixel where they are needed: candidates are of 2 by 2 pixels at first, then of one.
     fn within_pixels(&mut self, raster: &Raster, candidates: Vec<Square>, needs: Needs, image: &mut Image) {
-        let Extent { width, height } = self.spread.extent;
+        let Extent { width, height } = self.scene.extent;
         let (mut at, mut needs, mut side) = (candidates, needs, 2);
         let mut rays: u32 = 2;
         loop {
             // Squares of rays along a candidate.
             let squares = side * rays / SIDE as u32;
-            let noise = self.noise(5.0 * f64::from(side * side) / f64::from(rays * rays));
+            // That of a pixel's rays, and of the quarter as many before.
+            let noise = 5.0 * self.noise() / f64::from(rays * rays);
             let budget = if rays == FINEST { 0.0 } else { SHARE * (self.most - self.left) };
             let mut finer = vec![];
             loop {
                 let next = needs.next(budget);
-                if next.is_empty() || self.spread.watch.cancelled() {
+                if next.is_empty() || self.scene.watch.cancelled() {
                     break;
                 }
                 let parts = |n: &usize| {
@@ -318,10 +366,10 @@ impl<'a> Rounds<'a> {
                     (0..squares).flat_map(move |dy| (0..squares).map(move |dx| [x + dx, y + dy]))
                 };
                 let all: Vec<Square> = next.iter().flat_map(parts).collect();
-                let values = self.squares(f64::from(rays).recip(), &all);
+                let values = self.squares(self.options.step, f64::from(rays).recip(), &all);
                 let mut found = Vec::with_capacity(next.len());
                 for (n, values) in next.iter().zip(values.chunks_exact((squares * squares) as usize)) {
-                    let mut sum = 0.0;
+                    let mut sum = (0.0, 0.0);
                     for (dx, dy) in (0..side).flat_map(|dy| (0..side).map(move |dx| (dx, dy))) {
                         let [x, y] = [at[*n][0] * side + dx, at[*n][1] * side + dy].map(|v| v as usize);
                         if x < MARGIN || y < MARGIN || x >= MARGIN + width || y >= MARGIN + height {
@@ -331,17 +379,17 @@ impl<'a> Rounds<'a> {
                         let pixel = &mut image.values_mut()[(y - MARGIN) * width + x - MARGIN];
                         let square = (mean - *pixel) * (mean - *pixel);
                         *pixel = mean;
-                        sum += square;
+                        sum = (sum.0 + square, sum.1 + noise * mean);
                         finer.push(([x as u32, y as u32], square));
                     }
                     found.push(sum);
                 }
-                needs.found(&next, found.into_iter(), noise);
+                needs.found(&next, found.into_iter());
             }
             self.left += needs.left();
             // Of the pixels that were given rays.
             let rest = FALL * finer.iter().map(|(_, square)| square).sum::<f64>();
-            if rays == FINEST || rest <= self.most - self.left || self.spread.watch.cancelled() {
+            if rays == FINEST || rest <= self.most - self.left || self.scene.watch.cancelled() {
                 self.left += rest;
                 return;
             }

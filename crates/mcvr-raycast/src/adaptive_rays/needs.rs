@@ -17,8 +17,8 @@ const ROUNDS: usize = 4;
 
 /// Places with the squared errors expected there.
 pub(super) struct Needs {
-    /// Expected, and found: `None` where no rays were given.
-    errors: Vec<(f64, Option<f64>)>,
+    /// Expected, and found with the share of noise in it: `None` where no rays were given.
+    errors: Vec<(f64, Option<(f64, f64)>)>,
     /// Step of each from the largest.
     steps: Vec<usize>,
     /// Sum and number of places at each step.
@@ -32,7 +32,7 @@ pub(super) struct Needs {
 
 impl Needs {
     pub fn new(expected: impl Iterator<Item = f64>) -> Self {
-        let errors: Vec<(f64, Option<f64>)> = expected.map(|e| (e, None)).collect();
+        let errors: Vec<(f64, Option<(f64, f64)>)> = expected.map(|e| (e, None)).collect();
         let most = errors.iter().map(|e| e.0).fold(0.0, f64::max).to_bits();
         let mut sums = vec![(0.0, 0); STEPS];
         // Bits of positive numbers rise with them. What is 0 needs nothing.
@@ -80,20 +80,21 @@ impl Needs {
         (0..self.steps.len()).filter(|n| new.contains(&self.steps[*n])).collect()
     }
 
-    /// The errors found where rays were given; `noise` is what the rays' own noise adds to each on average.
-    pub fn found(&mut self, places: &[usize], errors: impl Iterator<Item = f64>, noise: f64) {
+    /// The errors found where rays were given, and what the rays' own noise is expected to have added to each.
+    pub fn found(&mut self, places: &[usize], errors: impl Iterator<Item = (f64, f64)>) {
         places.iter().zip(errors).for_each(|(n, e)| self.errors[*n].1 = Some(e));
         let ratio = |from: usize| {
-            let mut sums = (0.0, 0.0, 0);
+            let (mut sums, mut number) = ((0.0, 0.0, 0.0), 0);
             for ((expected, found), step) in self.errors.iter().zip(&self.steps) {
-                if let (Some(found), true) = (found, *step >= from) {
-                    sums = (sums.0 + expected, sums.1 + found, sums.2 + 1);
+                if let (Some((found, noise)), true) = (found, *step >= from) {
+                    sums = (sums.0 + expected, sums.1 + found, sums.2 + noise);
+                    number += 1;
                 }
             }
-            let (expected, found, number) = sums;
+            let (expected, found, noise) = sums;
             // At least a quarter: how much of it is noise is not known that well.
-            let found = (found - noise * f64::from(number)).max(0.25 * found);
-            (number as usize >= FEWEST && expected > 0.0).then_some(found / expected)
+            let found = (found - noise).max(0.25 * found);
+            (number >= FEWEST && expected > 0.0).then_some(found / expected)
         };
         if let Some(ratio) = ratio(self.given.saturating_sub(NEAR)).or_else(|| ratio(0)) {
             self.ratio = ratio;

@@ -110,6 +110,13 @@ impl Raster {
         bend_of_patch(level, &patch)
     }
 
+    /// Sum of the 2 by 2 values of a square of half the distance.
+    pub fn sum(&self, at: Square) -> f64 {
+        let [x, y] = at.map(|v| 2 * v as usize);
+        let row = |y: usize| self.values[y * self.across + x] + self.values[y * self.across + x + 1];
+        row(y) + row(y + 1)
+    }
+
     /// Sum of the second differences along both axes; 0 at the rim.
     pub fn curvature(&self, x: usize, y: usize) -> f64 {
         if x == 0 || y == 0 || x + 1 >= self.across || y + 1 >= self.down() {
@@ -125,6 +132,21 @@ impl Raster {
         for (n, row) in values.chunks_exact(SIDE).enumerate() {
             self.values[(y + n) * self.across + x..][..SIDE].copy_from_slice(row);
         }
+    }
+
+    /// A square's values.
+    pub fn square(&self, at: Square) -> [f64; LANES] {
+        let [x, y] = at.map(|v| SIDE * v as usize);
+        let mut values = [0.0; LANES];
+        for (n, row) in values.chunks_exact_mut(SIDE).enumerate() {
+            row.copy_from_slice(&self.values[(y + n) * self.across + x..][..SIDE]);
+        }
+        values
+    }
+
+    /// Their sum.
+    pub fn sum_of_square(&self, at: Square) -> f64 {
+        self.square(at).iter().sum()
     }
 
     /// Sum of the squared differences between a square's values and those that are in place.

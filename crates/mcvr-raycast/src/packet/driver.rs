@@ -67,35 +67,6 @@ impl<'a> Packets<'a> {
     }
 }
 
-/// A straight line of places in an image, along one of its axes: a packet of rays for every [`Job`].
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Strip {
-    /// Point from which places are told, in pixels.
-    pub middle: [f64; 2],
-    /// Whether the line goes down the image rather than across it.
-    pub upright: bool,
-}
-
-/// One way to cast strips.
-pub(crate) struct Job {
-    pub along: Along,
-    /// Places of the rays along the line, from its middle, in pixels.
-    pub places: [f64; LANES],
-    /// Phases of the samples, of every strip.
-    pub phases: Vec<[f64; LANES]>,
-}
-
-/// What a strip's rays told.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Seen {
-    pub values: [f64; LANES],
-    /// Depths with density in the tile of the line's middle, as a share of those in all tiles that the line meets, which all its rays visit.
-    pub share: f64,
-    /// Samples of a comb, and cells integrated exactly.
-    pub samples: u64,
-    pub cells: u64,
-}
-
 /// Four by four rays at even distances: column and row among the squares that tile the image.
 pub(crate) type Square = [u32; 2];
 
@@ -104,10 +75,6 @@ pub(crate) const SIDE: usize = 4;
 
 /// Casts parts of an image.
 pub(crate) trait Cast {
-    /// Casts strips in several ways: what every job saw of every strip, and the work of every job. All jobs of a strip are done in
-    /// turn, while its voxels are at hand.
-    fn strips(&self, jobs: &[Job], strips: &[Strip]) -> (Vec<Vec<Seen>>, Vec<Counters>);
-
     /// Casts squares of rays that are `pitch` pixels apart, the first of them half of that from the image's corner; values row by row.
     /// Phases are those of the pixels of `points`, one for each ray.
     fn squares(
@@ -189,27 +156,6 @@ impl<'a, 'w, T: Voxel, W: Weights<T>> Ready<'a, 'w, T, W> {
 }
 
 impl<'a, T: Voxel, W: Weights<T> + Send + 'a> Cast for Ready<'a, '_, T, W> {
-    fn strips(&self, jobs: &[Job], strips: &[Strip]) -> (Vec<Vec<Seen>>, Vec<Counters>) {
-        let one = |job: &Job, optics: &Optics, n: usize, strip: &Strip| {
-            let (mut x, mut y) = ([strip.middle[0]; LANES], [strip.middle[1]; LANES]);
-            let along = if strip.upright { &mut y } else { &mut x };
-            along.iter_mut().zip(job.places).for_each(|(v, place)| *v += place);
-            let places = Places::new(x, y, job.phases[n], &self.tiles);
-            let share = self.tiles.share(strip.middle, (&places.columns, &places.rows));
-            let mut values = [0.0; LANES];
-            let work = self.cast((job.along, optics), &What::Places(&places), &mut values);
-            (Seen { values, share, samples: work.1.evaluations, cells: work.1.cells }, work)
-        };
-        let optics: Vec<Optics> = jobs.iter().map(|j| self.optics(j.along)).collect();
-        let all = |(n, strip): (usize, &Strip)| -> Vec<(Seen, (Counters, Work))> {
-            jobs.iter().zip(&optics).map(|(job, optics)| one(job, optics, n, strip)).collect()
-        };
-        let done: Vec<Vec<(Seen, (Counters, Work))>> = strips.par_iter().enumerate().with_min_len(4).map(all).collect();
-        let work = |job: usize| self.sum(done.iter().map(|s| s[job].1).collect());
-        let work = (0..jobs.len()).map(work).collect();
-        (done.iter().map(|s| s.iter().map(|(seen, _)| *seen).collect()).collect(), work)
-    }
-
     fn squares(
         &self,
         along: Along,
@@ -219,11 +165,15 @@ impl<'a, T: Voxel, W: Weights<T> + Send + 'a> Cast for Ready<'a, '_, T, W> {
     ) -> (Vec<[f64; LANES]>, Counters) {
         let optics = self.optics(along);
         let one = |first: &Square| {
-            let first = first.map(|v| SIDE * v as usize);
-            let at = |l: usize| [first[0] + l % SIDE, first[1] + l / SIDE];
-            let place = |axis: usize| std::array::from_fn(|l| (at(l)[axis] as f64 + 0.5) * pitch);
-            let phases = std::array::from_fn(|l| points.of(at(l)[0], at(l)[1], 0)[2]);
-            let places = Places::new(place(0), place(1), phases, &self.tiles);
+            let (x, y) = (SIDE * first[0] as usize, SIDE * first[1] as usize);
+            let mut px = [0.0; LANES];
+            let (mut py, mut phases) = (px, px);
+            for l in 0..LANES {
+                let (x, y) = (x + l % SIDE, y + l / SIDE);
+                (px[l], py[l]) = ((x as f64 + 0.5) * pitch, (y as f64 + 0.5) * pitch);
+                phases[l] = points.of(x, y, 0)[2];
+            }
+            let places = Places::new(px, py, phases, &self.tiles);
             let mut values = [0.0; LANES];
             let work = self.cast((along, &optics), &What::Places(&places), &mut values);
             (values, work)

@@ -322,12 +322,6 @@ impl Tiles {
         of(ends[0])..of(ends[1]) + 1
     }
 
-    /// Depths with density in the tile of a point, as a share of those in tiles around it.
-    pub fn share(&self, at: [f64; 2], (columns, rows): (&Range<usize>, &Range<usize>)) -> f64 {
-        let own = self.mask_of(&self.met(&at[..1], 0), &self.met(&at[1..], 1));
-        f64::from(own.count_ones()) / f64::from(self.mask_of(columns, rows).count_ones().max(1))
-    }
-
     fn mask_of(&self, columns: &Range<usize>, rows: &Range<usize>) -> u128 {
         let row = |row: usize| &self.masks[row * self.columns..][columns.clone()];
         rows.clone().flat_map(row).fold(0, |all, mask| all | mask)

@@ -6,34 +6,27 @@ use mcvr_scene::{Camera, Density, Estimand, Occupancy};
 use mcvr_volume::Volume;
 
 use super::{Candidate, Costs};
-use crate::Method;
+use crate::{Adaptive, Method};
 
 /// Predictions are held to this share of the error asked for: a pilot of some tens of lines errs by about a sixth, and more where a
 /// few bright pixels carry the error.
 pub(super) const MARGIN: f64 = 0.8;
 
-/// Most pixels along the side of a block that shares a ray: larger ones save little.
-const BLOCKS: u32 = 4;
-
 /// Most parts of a voxel along its shortest side for footprints.
 const PARTS: u32 = 3;
 
-/// Most rays along a side of a pixel.
-const SIDES: u32 = 32;
+/// Rays a pixel at each distance of adaptive rays, from a ray for 4 by 4 pixels to 2 by 2 in a pixel.
+const RAYS: [f64; 4] = [1.0 / 16.0, 1.0 / 4.0, 1.0, 4.0];
 
-/// Error of one exact ray for blocks of `side` by `side` pixels; between the sides looked at, a power.
-fn of_block(pilot: &Pilot, side: u32) -> f64 {
-    let [two, four] = pilot.blocks;
-    two * (four / two).max(1.0).powf((0.5 * f64::from(side)).log2())
-}
+/// Squared error that is left at these distances, as a share of that at the first: 1/6 to 1/23 at half the distance on scans, then 1/50 to
+/// 1/400 of that.
+const FALL: [f64; 4] = [1.0, 1.0 / 11.0, 1.0 / 700.0, 1.0 / 11_000.0];
 
-/// Power of the number of rays by which a comb's error falls. Phases of a pixel's rays are stratified: 1 where the rays see the same, 1/2
-/// where each sees something of its own. Measured: 0.88 to 0.95 on scans, 0.5 to 0.6 on phantoms with sharp faces.
-const PHASES: f64 = 0.6;
+/// Cells that a ray crosses for every sample at a distance of 1: 1 along an axis, √3 along a diagonal.
+const CELLS: f64 = 1.5;
 
-/// Power of the number of rays along a pixel's side by which their error falls: about 2 where edges lie along the pixels, 2.4 to 2.7
-/// where they cross them (measured on eight phantoms).
-const AREA: f64 = 2.0;
+/// Shares of the squared error that combs may be given; the rest is left between rays.
+const SPLITS: [f64; 5] = [0.3, 0.4, 0.5, 0.6, 0.7];
 
 /// Error of footprints as a share of what their law says: 0.15 to 0.7 on eight phantoms whose voxels are small beside [`WIDE`] pixels, and up
 /// to 1.5 for tubes of one voxel that is 6 pixels wide, whose errors are not independent.
@@ -45,65 +38,102 @@ const WIDE: f64 = 2.8;
 /// Power of the samples a pixel by which the net's error falls (METHOD section 4: 1/2 to 2/3).
 const NET: f64 = 0.62;
 
-/// Candidates that are expected to reach an error, and the most accurate ones where none does.
-pub(super) fn candidates(
-    density: &Density,
-    camera: &Camera,
-    estimand: Estimand,
-    pilot: Option<&Pilot>,
-    error: f64,
-) -> Vec<Candidate> {
-    let (volume, pixels) = (density.volume(), camera.extent().pixels() as u64);
+/// Candidates that need no look at the image.
+pub(super) fn without_look(density: &Density, camera: &Camera, estimand: Estimand, plain: bool, error: f64) -> Vec<Candidate> {
+    let volume = density.volume();
     let costs = Costs::of(volume);
-    let mut all = vec![net(volume, pixels, &costs, error)];
-    let Some(pilot) = pilot else { return all };
-    all.extend(footprints(density, camera, estimand, &costs));
-    let wanted = MARGIN * error;
-    let rays = (pilot.tiles * 64).min(pixels) as f64;
-    let fixed = volume.bytes() as f64 * costs.occupancy + pixels as f64 * costs.pixel;
-    // An exact setting of rays, and the widest comb whose error fits beside theirs; `fall` is what is left of a comb's error.
-    let mut add = |samples: u64, each: f64, area: f64, fall: f64| {
-        all.push(Candidate {
-            method: Method::Rays,
-            samples,
-            step: 0.0,
-            adaptive: None,
-            error: area / MARGIN,
-            seconds: 1e-9 * (fixed + each * (costs.ray + costs.cell * pilot.cells)),
-        });
-        let rest = (wanted * wanted - area * area).max(0.0).sqrt();
-        if let Some((step, depth)) = widest(pilot, rest / fall) {
-            all.push(Candidate {
-                method: Method::Comb,
-                samples,
-                step,
-                adaptive: None,
-                error: area.hypot(depth * fall) / MARGIN,
-                seconds: 1e-9 * (fixed + each * (costs.ray + costs.step * pilot.steps / step)),
-            });
-        }
-    };
-    for side in (2..=BLOCKS).rev() {
-        let (area, blocks) = (of_block(pilot, side), f64::from(side * side));
-        if area > 0.0 && area <= wanted {
-            add((pixels as f64 / blocks).ceil() as u64, rays / blocks, area, Pilot::noise_of_block(side));
-        }
+    let mut all = vec![net(volume, camera.extent().pixels() as u64, &costs, error)];
+    if plain {
+        all.extend(footprints(density, camera, estimand, &costs));
     }
-    // Where blocks would do, what averaging leaves was not looked at: it is less than what they leave.
-    let left = pilot.left.unwrap_or_else(|| of_block(pilot, 2));
-    for side in 1..=SIDES {
-        let n = f64::from(side);
-        let area = left * n.powf(-AREA);
-        if area > wanted && side < SIDES {
-            continue;
-        }
-        add(u64::from(side * side) * pixels, n * n * rays, area, Pilot::noise(side) * n.powf(-2.0 * PHASES));
-        // More rays cost more; the next side is a candidate for wider combs only.
-        if side > 1 && area < 0.5 * wanted {
-            break;
+    all
+}
+
+/// The least that adaptive rays take: the first of them, each through a third of the volume.
+pub(super) fn first_rays(density: &Density, camera: &Camera, first: f64) -> f64 {
+    let volume = density.volume();
+    let (costs, grid) = (Costs::of(volume), volume.grid());
+    let samples = grid.diameter() / (3.0 * first * grid.spacing().min_element());
+    1e-9 * RAYS[0] * camera.extent().pixels() as f64 * (costs.ray + costs.step * samples)
+}
+
+/// Adaptive rays that are expected to leave an error, exact ones and combs of several distances.
+pub(super) fn adaptive_rays(volume: &Volume, pilot: &Pilot, error: f64) -> Vec<Candidate> {
+    let (costs, wanted, pixels) = (Costs::of(volume), MARGIN * error, pilot.pixels as f64);
+    let fixed = volume.bytes() as f64 * costs.occupancy + pixels * costs.pixel;
+    let places = places(pilot);
+    let mut all = vec![];
+    let mut add = |method, step: f64, [left, noise]: [f64; 2], each: f64| {
+        let (rays, coarsest) = rays_for(pilot, &places, left);
+        // The rays of the look are the first of the image where these need not be closer.
+        let first = (method == Method::Comb && coarsest == 4 && step >= pilot.first).then_some(pilot.first);
+        all.push(Candidate {
+            method,
+            samples: (rays * pixels).ceil() as u64,
+            step,
+            adaptive: Some(Adaptive { left, noise, coarsest, first }),
+            error: left.hypot(Pilot::SMOOTHING * noise) / MARGIN,
+            seconds: 1e-9 * (fixed + rays * pixels * (costs.ray + each)),
+        });
+    };
+    add(Method::Rays, 0.0, [wanted, 0.0], costs.cell * CELLS * pilot.steps);
+    for split in SPLITS {
+        if let Some((step, noise)) = widest(pilot, wanted * f64::sqrt(split) / Pilot::SMOOTHING) {
+            let left = (wanted * wanted - (Pilot::SMOOTHING * noise).powi(2)).sqrt();
+            add(Method::Comb, step, [left, noise], costs.step * pilot.steps / step);
         }
     }
     all
+}
+
+/// Squared errors of places and their number, those of an eighth of an octave taken together, without those that are 2^40 times less than
+/// the largest.
+fn places(pilot: &Pilot) -> Vec<(f64, f64)> {
+    const BITS: u32 = 3;
+    let most = pilot.lefts.iter().fold(0.0, |a: f64, b| a.max(*b)).to_bits();
+    let mut all = vec![(0.0, 0.0); 40 << BITS];
+    for e in pilot.lefts.iter().filter(|e| **e > 0.0) {
+        // Bits of positive numbers rise with them.
+        if let Some((sum, number)) = all.get_mut((most.saturating_sub(e.to_bits()) >> (52 - BITS)) as usize) {
+            *sum += e;
+            *number += 1.0;
+        }
+    }
+    all.retain(|(_, number)| *number > 0.0);
+    all.iter().map(|(sum, number)| (sum / number, *number)).collect()
+}
+
+/// Rays a pixel of the image that adaptive rays are expected to take to leave an error, and pixels along the side of the blocks that best share
+/// a ray at first. Every place is given rays until more would gain too little.
+fn rays_for(pilot: &Pilot, places: &[(f64, f64)], left: f64) -> (f64, u32) {
+    let area = 64.0 / pilot.pixels as f64;
+    // The distance at which a place stays when a ray has to take away so much.
+    let stays = |square: f64, gain: f64| {
+        let gains = |n: &usize| square * FALL[n - 1] > gain * area * RAYS[*n];
+        (1..RAYS.len()).rev().find(gains).unwrap_or(0)
+    };
+    let most = left * left;
+    let remains = |gain: f64| places.iter().map(|(e, number)| number * e * FALL[stays(*e, gain)]).sum::<f64>();
+    // Halves the logarithm's range until it is known to a hundredth.
+    let (mut low, mut high) = (most * 1e-6, most * 1e6);
+    for _ in 0..12 {
+        let middle = (low * high).sqrt();
+        if remains(middle) > most { high = middle } else { low = middle }
+    }
+    let first = pilot.rays as f64 / pilot.pixels as f64;
+    let mut at = [0.0; RAYS.len()];
+    for (e, number) in places {
+        at[stays(*e, low)] += number * area;
+    }
+    // Dark places are known at once, whatever the distance.
+    let with = |coarsest: usize| {
+        let begun = first * RAYS[coarsest] / RAYS[0];
+        let more = |n: usize| RAYS[n] * at[n..].iter().sum::<f64>();
+        begun + (coarsest + 1..RAYS.len()).map(more).sum::<f64>()
+    };
+    // The first rays are there already.
+    let best = (1..3).filter(|n| with(*n) + first < with(0)).min_by(|a, b| with(*a).total_cmp(&with(*b))).unwrap_or(0);
+    (with(best), 4 >> best)
 }
 
 /// The largest distance of samples whose error is at most `most`, and its error: between the distances tried, errors rise by a

@@ -1,19 +1,21 @@
 //! The method and the budget for an error, chosen by the program.
 //!
-//! [`choose`] casts the rays of some lines of pixels ([`Pilot`]), so that it knows how the scan's depth and the pixels' areas
-//! resist rays, and compares what every candidate would take for the error that is asked for by a cost model in nanoseconds. Work is
-//! counted, never timed: the choice is the same on every machine and for any number of threads.
+//! [`choose`] casts the first rays of an image, one for 4 by 4 pixels, and compares some of them with finer ones ([`Pilot`]), so that it knows how
+//! the scan's depth and the pixels' areas resist rays. It compares what every candidate would take for the error that is asked for by a
+//! cost model in nanoseconds. Work is counted, never timed: the choice is the same on every machine and for any number of threads. An
+//! image of adaptive rays goes on from those of the look.
 
 mod candidates;
 mod costs;
 
-use mcvr_raycast::Pilot;
+use std::cell::RefCell;
+
+use mcvr_raycast::{AdaptiveImage, LookOptions, Pilot, look_and_cast};
 use mcvr_refine::Goal;
 use mcvr_scene::{Density, Kernel, Watch};
 use serde::Serialize;
 
 use crate::{Adaptive, MakeError, Method, Request, Scenery};
-use candidates::candidates;
 use costs::Costs;
 
 /// A way to the error asked for.
@@ -48,13 +50,23 @@ pub struct Choice {
     pub reaches: bool,
 }
 
-/// Tiles in which a pilot looks at a line of pixels: more where the image itself will take longer.
-fn tiles(error: f64) -> usize {
-    match error {
-        e if e >= 0.05 => 32,
-        e if e >= 0.005 => 48,
-        _ => 80,
-    }
+/// Voxels along the side of a volume for which the first rays' distances are meant; they fall with the root of smaller ones.
+const USUAL: f64 = 100.0;
+
+/// How to look: the first rays' distance is what usually serves the error, and distances are compared on more squares, with better ones
+/// taken for true, where the image itself will take longer.
+fn look(density: &Density, request: &Request) -> LookOptions<'static> {
+    let (first, others, truth, squares): (f64, &[f64], _, _) = match request.error {
+        e if e >= 0.05 => (5.0, &[], Some(2.0), 16),
+        e if e >= 0.02 => (3.0, &[], Some(1.0), 24),
+        e if e >= 0.005 => (2.0, &[1.0, 4.0], None, 24),
+        _ => (1.0, &[2.0], None, 32),
+    };
+    // Sums of fewer samples err more.
+    let dims = density.volume().grid().dims();
+    let side = dims.iter().map(|n| *n as f64).product::<f64>().cbrt();
+    let first = first * (side / USUAL).sqrt().min(1.0);
+    LookOptions { first, others, truth, squares, estimand: request.estimand, seed: request.seed }
 }
 
 /// Chooses how to reach an error (RMSE over the mean pixel) at the request's kernel and estimand.
@@ -62,30 +74,63 @@ fn tiles(error: f64) -> usize {
 /// # Errors
 /// [`MakeError`] when the scene is unusable or `watch` cancels.
 pub fn choose(density: &Density, scenery: &Scenery, request: &Request, watch: &Watch<'_>) -> Result<Choice, MakeError> {
+    Ok(choose_and_cast(density, scenery, request, false, watch)?.0)
+}
+
+/// The same; adaptive rays are cast at once, when they are chosen and `cast` says so.
+pub(crate) fn choose_and_cast(
+    density: &Density,
+    scenery: &Scenery,
+    request: &Request,
+    cast: bool,
+    watch: &Watch<'_>,
+) -> Result<(Choice, Option<AdaptiveImage>), MakeError> {
     Goal { error: Some(request.error), ..Goal::default() }.check()?;
-    let camera = &scenery.camera;
-    let plain = scenery.effects.look(density.volume().grid(), camera)?.is_plain();
-    let pilot = if plain && request.kernel == Kernel::Tent {
-        let sight = (tiles(request.error), candidates::MARGIN * request.error);
-        Pilot::look(density, camera, request.estimand, sight, request.seed, watch)?
-    } else {
-        None
+    let (camera, target) = (&scenery.camera, request.error);
+    let effects = scenery.effects.look(density.volume().grid(), camera)?;
+    let plain = effects.is_plain() && request.kernel == Kernel::Tent;
+    let others = candidates::without_look(density, camera, request.estimand, plain, target);
+    let options = look(density, request);
+    // Where footprints are done before the first rays would be, there is nothing to look for.
+    let sooner = |c: &Candidate| reaches(c, target) && c.seconds < candidates::first_rays(density, camera, options.first);
+    if !plain || others.iter().any(sooner) {
+        return Ok((best(others, target, None), None));
+    }
+    let choice = RefCell::new(None);
+    let judge = |pilot: &Pilot| {
+        let mut all = others.clone();
+        all.extend(candidates::adaptive_rays(density.volume(), pilot, target));
+        let made = best(all, target, Some(pilot.clone()));
+        let adaptive = made.chosen.adaptive.filter(|_| cast);
+        let options = adaptive.map(|a| a.options(&made.request(request)));
+        *choice.borrow_mut() = Some(made);
+        options
     };
-    let mut all = candidates(density, camera, request.estimand, pilot.as_ref(), request.error);
+    let looked = look_and_cast(density, camera, &options, &judge, watch)?;
+    let image = looked.and_then(|(_, image)| image);
+    let without = || best(others.clone(), target, None);
+    Ok((choice.take().unwrap_or_else(without), image))
+}
+
+/// Whether a candidate is expected to reach an error; settings between those tried are solved for the error itself, but for rounding.
+fn reaches(candidate: &Candidate, error: f64) -> bool {
+    candidate.error <= error * (1.0 + 1e-9)
+}
+
+/// The cheapest candidate that is expected to reach an error, and the best of the others.
+fn best(mut all: Vec<Candidate>, target: f64, pilot: Option<Pilot>) -> Choice {
     all.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
-    // Settings between those tried are solved for the error itself, but for rounding.
-    let reaches = |c: &Candidate| c.error <= request.error * (1.0 + 1e-9);
-    let reaching = all.iter().position(reaches);
+    let reaching = all.iter().position(|c| reaches(c, target));
     let most_accurate = || (0..all.len()).min_by(|a, b| all[*a].error.total_cmp(&all[*b].error));
     let best = reaching.or_else(most_accurate).unwrap_or(0);
     let chosen = all.remove(best);
     let mut runners_up: Vec<Candidate> = vec![];
-    for c in all.into_iter().filter(|c| reaches(c) && c.method != chosen.method) {
+    for c in all.into_iter().filter(|c| reaches(c, target) && c.method != chosen.method) {
         if runners_up.iter().all(|r| r.method != c.method) {
             runners_up.push(c);
         }
     }
-    Ok(Choice { target: request.error, reaches: reaching.is_some(), chosen, runners_up, pilot })
+    Choice { target, reaches: reaching.is_some(), chosen, runners_up, pilot }
 }
 
 impl Choice {

@@ -14,7 +14,8 @@ fn words(c: &Candidate) -> String {
         step if c.method == mcvr::Method::Footprint => format!(", parts of {step:.2}"),
         step => format!(", {step:.2} voxels apart"),
     };
-    format!("{} with {} {unit}{step}", c.method, c.samples)
+    let number = if c.adaptive.is_some() { format!("some {}", c.samples) } else { c.samples.to_string() };
+    format!("{} with {number} {unit}{step}", c.method)
 }
 
 /// One line about what was chosen.
@@ -46,11 +47,11 @@ pub fn table(choice: &Choice) -> String {
     match &choice.pilot {
         Some(p) => {
             out += &format!(
-                "  from lines of pixels in {} of {} tiles with density; {:.0} voxels' way a ray\n",
-                p.looked_at, p.tiles, p.steps
+                "  from one ray for 4 by 4 pixels, {} in all, {} of them compared with others; {:.0} voxels' way a ray\n",
+                p.rays, p.looked_at, p.steps
             );
         }
-        None => out += "  without a look: rays are cast in packets only for plain X-rays of tent\n",
+        None => out += "  without a look: footprints are done before it, or rays are cast in packets only for plain X-rays of tent\n",
     }
     out
 }

@@ -1,0 +1,216 @@
+//! A first look at an image, which its first rays are: what finer combs show of some of them tells the errors along the rays, and
+//! how the first values bend tells where more rays will be needed.
+
+use std::time::Instant;
+
+use mcvr_scene::{Camera, Density, Estimand, Watch};
+use rand::RngExt;
+use rand_pcg::Pcg64Dxsm;
+use serde::Serialize;
+
+use super::raster::Raster;
+use super::{AdaptiveImage, AdaptiveOptions, Rounds, Scene, finished, wide};
+use crate::packet::{Cast, LANES, Look, Packets, Square};
+use crate::points::Points;
+use crate::{Counters, RaycastError};
+
+/// How to look.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LookOptions<'a> {
+    /// Distance between samples of the first rays, one for 4 by 4 pixels, in units of the smallest voxel spacing.
+    pub first: f64,
+    /// Other distances whose errors are to be told.
+    pub others: &'a [f64],
+    /// The distance whose sums are taken for true; `None` for exact rays.
+    pub truth: Option<f64>,
+    /// Squares of 4 by 4 first rays on which distances are compared.
+    pub squares: usize,
+    /// What a pixel means (METHOD section 2).
+    pub estimand: Estimand,
+    /// Seed of the phases, and of the choice of squares.
+    pub seed: u64,
+}
+
+/// What a look found out. Errors are RMSE over the whole image, as shares of its mean pixel.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Pilot {
+    /// Distance between samples of the first rays.
+    pub first: f64,
+    /// First rays that can meet density, one for 4 by 4 pixels.
+    pub rays: u64,
+    /// First rays on which distances were compared.
+    pub looked_at: u64,
+    /// Pixels of the image.
+    pub pixels: u64,
+    /// Mean pixel.
+    pub mean: f64,
+    /// Error that one ray for 4 by 4 pixels is expected to leave.
+    pub left: f64,
+    /// The squared errors that are expected of it in squares of 8 by 8 pixels, which add up to the square of `left`.
+    #[serde(skip)]
+    pub lefts: Vec<f64>,
+    /// Distance of a comb's samples in units of the smallest voxel spacing, and the error along single rays that it leaves.
+    pub combs: Vec<(f64, f64)>,
+    /// Samples at a distance of 1 a ray that can meet density.
+    pub steps: f64,
+    /// Work of the look, the first rays included.
+    pub counters: Counters,
+}
+
+/// Looks at an image, and goes on as `judge` says by what was found: with adaptive rays, of which those of the look are the first where
+/// [`coarsest`](AdaptiveOptions::coarsest) and [`first`](AdaptiveOptions::first) are the look's, or not at all. `None` where rays are not cast
+/// in packets. The same numbers for any number of threads; the image is that of [`cast_adaptive_rays`](crate::cast_adaptive_rays).
+///
+/// # Errors
+/// As [`cast_adaptive_rays`](crate::cast_adaptive_rays).
+pub fn look_and_cast(
+    density: &Density,
+    camera: &Camera,
+    options: &LookOptions<'_>,
+    judge: &dyn Fn(&Pilot) -> Option<AdaptiveOptions>,
+    watch: &Watch,
+) -> Result<Option<(Pilot, Option<AdaptiveImage>)>, RaycastError> {
+    let start = Instant::now();
+    let LookOptions { first, estimand, seed, .. } = *options;
+    let of_first = AdaptiveOptions { step: Some(first), estimand, seed, ..AdaptiveOptions::default() };
+    of_first.check(density)?;
+    let wide = wide(camera)?;
+    let looking = Looking { options, of_first, judge, density, scene: Scene::new(density, camera, watch) };
+    match Packets::new(density).look(&wide, estimand, watch, looking) {
+        None => Ok(None),
+        Some(_) if watch.cancelled() => Err(RaycastError::Cancelled),
+        Some(Err(e)) => Err(e),
+        Some(Ok((pilot, None))) => Ok(Some((pilot, None))),
+        Some(Ok((pilot, Some(made)))) => Ok(Some((pilot, Some(finished(made, camera, watch, start)?)))),
+    }
+}
+
+struct Looking<'a> {
+    options: &'a LookOptions<'a>,
+    of_first: AdaptiveOptions,
+    judge: &'a dyn Fn(&Pilot) -> Option<AdaptiveOptions>,
+    density: &'a Density,
+    scene: Scene<'a>,
+}
+
+impl Pilot {
+    /// By what factor means over pixels have less of the rays' noise than single rays: 0.81 with a ray a pixel, 0.89 with one for 4 by 4.
+    pub const SMOOTHING: f64 = 0.87;
+}
+
+impl Look for Looking<'_> {
+    type Out = Result<(Pilot, Option<AdaptiveImage>), RaycastError>;
+
+    fn run(self, full: &[(usize, usize)], cast: &dyn Cast) -> Self::Out {
+        let mut rounds = Rounds::new(self.of_first, self.scene, cast);
+        let (raster, squares) = rounds.first(full);
+        let pilot = self.pilot(&mut rounds, &raster, &squares);
+        let Some(options) = (self.judge)(&pilot) else { return Ok((pilot, None)) };
+        options.check(self.density)?;
+        let same = AdaptiveOptions { step: options.first.or(options.step), ..options };
+        let same = (same.coarsest, same.step, same.estimand, same.seed)
+            == (self.of_first.coarsest, self.of_first.step, self.of_first.estimand, self.of_first.seed);
+        let made = if same {
+            Rounds { options, ..rounds }.rest(raster, squares)
+        } else {
+            let mut rounds = Rounds { options, rays: vec![], ..rounds };
+            let (raster, squares) = rounds.first(full);
+            rounds.rest(raster, squares)
+        };
+        Ok((pilot, Some(made)))
+    }
+}
+
+impl Looking<'_> {
+    fn pilot(&self, rounds: &mut Rounds<'_>, raster: &Raster, squares: &[Square]) -> Pilot {
+        let LookOptions { first, others, truth, squares: number, seed, .. } = *self.options;
+        let rays = rounds.counters.rays;
+        let steps = rounds.counters.evaluations as f64 * first / rays.max(1) as f64;
+        // More where it is bright: noise rises with what a ray meets.
+        let brightness: Vec<f64> = squares.iter().map(|at| raster.sum_of_square(*at).max(0.0)).collect();
+        let whole = brightness.iter().sum::<f64>();
+        let even = 1.0 / brightness.len().max(1) as f64;
+        let shares: Vec<f64> =
+            brightness.iter().map(|b| if whole > 0.0 { 0.2 * even + 0.8 * b / whole } else { even }).collect();
+        let mut random = Pcg64Dxsm::new(u128::from(seed), 0x7069_6c6f);
+        let (chosen, weights) = draw(&shares, number.min(squares.len()), random.random());
+        let at: Vec<Square> = chosen.iter().map(|n| squares[*n]).collect();
+        let mut values = |step: Option<f64>, n: u64| {
+            let points = Points::new(1, false, step.is_some(), seed.wrapping_add(n << 32));
+            let (values, work) = rounds.cast.squares(rounds.scene.along(step), 4.0, &points, &at);
+            rounds.counters += work;
+            values
+        };
+        let truth = values(truth, 1);
+        let pixels = self.scene.extent.pixels() as f64;
+        // A square's share of the image: those at its rim are taken for whole.
+        let area = (4 * 4 * LANES) as f64 / pixels;
+        let unit = rounds.mean * rounds.mean;
+        let error = |values: &[[f64; LANES]]| {
+            let square = |(v, t): (&[f64; LANES], &[f64; LANES])| {
+                v.iter().zip(t).map(|(v, t)| (v - t) * (v - t)).sum::<f64>() / LANES as f64
+            };
+            let sum = values.iter().zip(&truth).zip(&weights).map(|(v, w)| w * square(v)).sum::<f64>();
+            if unit > 0.0 { (area * sum / unit).sqrt() } else { 0.0 }
+        };
+        let own: Vec<[f64; LANES]> = at.iter().map(|at| raster.square(*at)).collect();
+        let mut combs = vec![(first, error(&own))];
+        combs.extend(others.iter().enumerate().map(|(n, d)| (*d, error(&values(Some(*d), n as u64 + 2)))));
+        combs.sort_by(|a, b| a.0.total_cmp(&b.0));
+        // What the first rays' noise looks like is no error between them.
+        rounds.options.noise = error(&own);
+        let candidates = rounds.children(squares, 8);
+        let lefts: Vec<f64> = rounds.expected(raster, &candidates, 4);
+        let all = rounds.unit();
+        let lefts: Vec<f64> = lefts.iter().map(|e| if all > 0.0 { e / all } else { 0.0 }).collect();
+        Pilot {
+            first,
+            rays,
+            looked_at: (at.len() * LANES) as u64,
+            pixels: pixels as u64,
+            mean: rounds.mean,
+            left: lefts.iter().sum::<f64>().sqrt(),
+            lefts,
+            combs,
+            steps,
+            counters: rounds.counters,
+        }
+    }
+}
+
+/// Draws so many from a list in proportion to their shares, which add up to 1, evenly along it, begun at `start` in [0, 1): their places in the
+/// list, and for how many each stands.
+fn draw(shares: &[f64], number: usize, start: f64) -> (Vec<usize>, Vec<f64>) {
+    let (mut at, mut sum) = (0, shares.first().copied().unwrap_or(0.0));
+    let one = |n: usize| {
+        let wanted = (n as f64 + start) / number as f64;
+        while sum <= wanted && at + 1 < shares.len() {
+            at += 1;
+            sum += shares[at];
+        }
+        (at, 1.0 / (number as f64 * shares[at]))
+    };
+    (0..number).map(one).unzip()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Sums by what is drawn, and what it stands for, are those of the whole, whatever the shares.
+    #[test]
+    fn draws_stand_for_the_whole() {
+        let shares: Vec<f64> = (0..40).map(|n| if n % 7 == 3 { 9.0 } else { 0.5 + f64::from(n % 3) }).collect();
+        let whole = shares.iter().sum::<f64>();
+        let shares: Vec<f64> = shares.iter().map(|s| s / whole).collect();
+        let value = |n: usize| (n * n % 11) as f64;
+        let truth = (0..40).map(value).sum::<f64>();
+        let of = |start: f64| {
+            let (drawn, weights) = draw(&shares, 16, start);
+            drawn.iter().zip(&weights).map(|(n, w)| w * value(*n)).sum::<f64>()
+        };
+        let mean = (0..4000).map(|n| of((f64::from(n) + 0.5) / 4000.0)).sum::<f64>() / 4000.0;
+        assert!((mean - truth).abs() < 1e-3 * truth, "{mean} {truth}");
+        assert_eq!(draw(&[], 0, 0.5), (vec![], vec![]));
+    }
+}

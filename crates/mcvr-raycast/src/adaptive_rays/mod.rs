@@ -222,9 +222,14 @@ impl<'a> Rounds<'a> {
         self.mean * self.mean * self.scene.extent.pixels() as f64
     }
 
+    /// What may still be left; a tenth of the whole where the places behind already leave more than was hoped, since nothing closer helps them.
+    fn budget(&self) -> f64 {
+        (self.most - self.left).max(0.1 * self.most)
+    }
+
     /// Whether no more rays are needed, or wanted.
     fn suffices(&self, needs: &Needs) -> bool {
-        needs.left() <= self.most - self.left || self.scene.watch.cancelled()
+        needs.left() <= self.budget() || self.scene.watch.cancelled()
     }
 
     /// Variance of a ray's noise for a value of 1: it is taken to rise with the value.
@@ -326,7 +331,7 @@ impl<'a> Rounds<'a> {
         let mut raster = coarse.finer();
         let area = (pitch * pitch) as f64;
         let noise = BOTH * area * self.noise();
-        let budget = SHARE * (self.most - self.left);
+        let budget = SHARE * self.budget();
         let mut all = vec![];
         loop {
             let next = needs.next(budget);
@@ -354,7 +359,7 @@ impl<'a> Rounds<'a> {
             let squares = side * rays / SIDE as u32;
             // That of a pixel's rays, and of the quarter as many before.
             let noise = 5.0 * self.noise() / f64::from(rays * rays);
-            let budget = if rays == FINEST { 0.0 } else { SHARE * (self.most - self.left) };
+            let budget = if rays == FINEST { 0.0 } else { SHARE * self.budget() };
             let mut finer = vec![];
             loop {
                 let next = needs.next(budget);
@@ -389,7 +394,7 @@ impl<'a> Rounds<'a> {
             self.left += needs.left();
             // Of the pixels that were given rays.
             let rest = FALL * finer.iter().map(|(_, square)| square).sum::<f64>();
-            if rays == FINEST || rest <= self.most - self.left || self.scene.watch.cancelled() {
+            if rays == FINEST || rest <= self.budget() || self.scene.watch.cancelled() {
                 self.left += rest;
                 return;
             }

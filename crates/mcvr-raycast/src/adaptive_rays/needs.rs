@@ -1,5 +1,9 @@
 //! Which places need rays, by the errors expected there, put right by what the rays then show.
 
+use std::ops::Range;
+
+use crate::points::mix;
+
 /// Steps that tell errors apart in an octave, as bits of the mantissa.
 const BITS: u32 = 3;
 
@@ -7,13 +11,19 @@ const BITS: u32 = 3;
 const STEPS: usize = 1024;
 
 /// Fewest places whose errors are compared with what was expected.
-const FEWEST: usize = 16;
+const FEWEST: usize = 8;
 
 /// Octaves above the least error that was given rays, of which errors are compared: the places most like those that are left.
 const NEAR: usize = 3 << BITS;
 
+/// One place in so many is given rays though little is expected there: rays at even distances see nothing of what repeats with them.
+const SAMPLE: u64 = 32;
+
+/// Places that make a sample, where one in so many is fewer; one in four at most.
+const SAMPLED: u64 = 64;
+
 /// Times that rays are given before what is left stays.
-const ROUNDS: usize = 4;
+const ROUNDS: usize = 8;
 
 /// Places with the squared errors expected there.
 pub(super) struct Needs {
@@ -70,23 +80,25 @@ impl Needs {
             let mut number = 0;
             let few = |s: &(f64, usize)| {
                 number += s.1;
-                number >= (needed / 4).max(FEWEST)
+                number >= (needed / 4).max(2 * FEWEST)
             };
             end = end.min(1 + self.sums.iter().position(few).unwrap_or(end));
         }
-        let new = self.given..end;
+        let sample = self.round == 0;
+        let every = (self.steps.len() as u64 / SAMPLED).clamp(4, SAMPLE);
         self.round += 1;
         self.given = end;
-        (0..self.steps.len()).filter(|n| new.contains(&self.steps[*n])).collect()
+        let wanted = |n: &usize| self.steps[*n] < end || sample && mix(*n as u64).is_multiple_of(every);
+        (0..self.steps.len()).filter(|n| self.errors[*n].1.is_none() && wanted(n)).collect()
     }
 
     /// The errors found where rays were given, and what the rays' own noise is expected to have added to each.
     pub fn found(&mut self, places: &[usize], errors: impl Iterator<Item = (f64, f64)>) {
         places.iter().zip(errors).for_each(|(n, e)| self.errors[*n].1 = Some(e));
-        let ratio = |from: usize| {
+        let ratio = |among: Range<usize>| {
             let (mut sums, mut number) = ((0.0, 0.0, 0.0), 0);
             for ((expected, found), step) in self.errors.iter().zip(&self.steps) {
-                if let (Some((found, noise)), true) = (found, *step >= from) {
+                if let (Some((found, noise)), true) = (found, among.contains(step)) {
                     sums = (sums.0 + expected, sums.1 + found, sums.2 + noise);
                     number += 1;
                 }
@@ -96,7 +108,10 @@ impl Needs {
             let found = (found - noise).max(0.25 * found);
             (number >= FEWEST && expected > 0.0).then_some(found / expected)
         };
-        if let Some(ratio) = ratio(self.given.saturating_sub(NEAR)).or_else(|| ratio(0)) {
+        // The places most like those that are left, and those among them.
+        let near = ratio(self.given.saturating_sub(NEAR)..self.given).or_else(|| ratio(0..self.given));
+        let sample = ratio(self.given..STEPS + 1);
+        if let Some(ratio) = near.into_iter().chain(sample).reduce(f64::max) {
             self.ratio = ratio;
         }
     }

@@ -8,9 +8,9 @@ use mcvr_volume::Volume;
 use super::{Candidate, Costs};
 use crate::{Adaptive, Method};
 
-/// Predictions are held to this share of the error asked for: a pilot of some tens of lines errs by about a sixth, and more where a
-/// few bright pixels carry the error.
-pub(super) const MARGIN: f64 = 0.8;
+/// Predictions are held to this share of the error asked for: those from some hundred rays err by a tenth, and more where a few bright pixels
+/// carry the error.
+const MARGIN: f64 = 0.9;
 
 /// Most parts of a voxel along its shortest side for footprints.
 const PARTS: u32 = 3;
@@ -24,6 +24,9 @@ const FALL: [f64; 4] = [1.0, 1.0 / 11.0, 1.0 / 700.0, 1.0 / 11_000.0];
 
 /// Cells that a ray crosses for every sample at a distance of 1: 1 along an axis, √3 along a diagonal.
 const CELLS: f64 = 1.5;
+
+/// What is expected to be left between rays is this much surer not to be more.
+const SURE: f64 = 1.15;
 
 /// Shares of the squared error that combs may be given; the rest is left between rays.
 const SPLITS: [f64; 5] = [0.3, 0.4, 0.5, 0.6, 0.7];
@@ -64,9 +67,12 @@ pub(super) fn adaptive_rays(volume: &Volume, pilot: &Pilot, error: f64) -> Vec<C
     let places = places(pilot);
     let mut all = vec![];
     let mut add = |method, step: f64, [left, noise]: [f64; 2], each: f64| {
-        let (rays, coarsest) = rays_for(pilot, &places, left);
-        // The rays of the look are the first of the image where these need not be closer.
+        let (mut rays, coarsest) = rays_for(pilot, &places, left);
+        // The rays of the look are the first of the image where these need not be closer; else they are cast again.
         let first = (method == Method::Comb && coarsest == 4 && step >= pilot.first).then_some(pilot.first);
+        if first.is_some() {
+            rays -= pilot.rays as f64 / pixels;
+        }
         all.push(Candidate {
             method,
             samples: (rays * pixels).ceil() as u64,
@@ -77,7 +83,10 @@ pub(super) fn adaptive_rays(volume: &Volume, pilot: &Pilot, error: f64) -> Vec<C
         });
     };
     add(Method::Rays, 0.0, [wanted, 0.0], costs.cell * CELLS * pilot.steps);
-    for split in SPLITS {
+    // Where no more than the first rays are needed, all else may be noise.
+    let least = SURE * pilot.left / wanted;
+    let noise_alone = (least < 1.0).then(|| 1.0 - least * least);
+    for split in SPLITS.into_iter().chain(noise_alone) {
         if let Some((step, noise)) = widest(pilot, wanted * f64::sqrt(split) / Pilot::SMOOTHING) {
             let left = (wanted * wanted - (Pilot::SMOOTHING * noise).powi(2)).sqrt();
             add(Method::Comb, step, [left, noise], costs.step * pilot.steps / step);

@@ -217,6 +217,11 @@ impl<'a> Rounds<'a> {
         Self { options, scene, cast, counters: Counters::default(), rays: vec![], mean: 0.0, most: 0.0, left: 0.0 }
     }
 
+    fn set_mean(&mut self, mean: f64) {
+        self.mean = mean;
+        self.most = self.options.left.powi(2) * self.unit();
+    }
+
     /// Sum of squares over the image that is an error of 1.
     fn unit(&self) -> f64 {
         self.mean * self.mean * self.scene.extent.pixels() as f64
@@ -259,6 +264,15 @@ impl<'a> Rounds<'a> {
         values
     }
 
+    /// Mean of the values whose places are in the image.
+    fn mean_of(&self, raster: &Raster, pitch: usize) -> f64 {
+        let Extent { width, height } = self.scene.extent;
+        let inside = |pixels: usize| MARGIN / pitch..(MARGIN + pixels).div_ceil(pitch);
+        let (x, y) = (inside(width), inside(height));
+        let rows = y.clone().map(|y| raster.values[y * raster.across..][x.clone()].iter().sum::<f64>());
+        rows.sum::<f64>() / (x.len() * y.len()) as f64
+    }
+
     /// All squares at the widest distance that meet a tile with density.
     fn first(&mut self, full: &[(usize, usize)]) -> (Raster, Vec<Square>) {
         let Extent { width, height } = self.scene.extent;
@@ -276,20 +290,18 @@ impl<'a> Rounds<'a> {
         let mut raster = Raster::zeros([across / pitch, down / pitch]);
         squares.iter().zip(&values).for_each(|(at, v)| raster.put(*at, v));
 
-        let inside = |pixels: usize| MARGIN / pitch..(MARGIN + pixels).div_ceil(pitch);
-        let (x, y) = (inside(width), inside(height));
-        let rows = y.clone().map(|y| raster.values[y * raster.across..][x.clone()].iter().sum::<f64>());
-        self.mean = rows.sum::<f64>() / (x.len() * y.len()) as f64;
+        self.mean = self.mean_of(&raster, pitch);
         (raster, squares)
     }
 
     /// All rays but the first, and the image.
     fn rest(mut self, mut raster: Raster, mut parents: Vec<Square>) -> AdaptiveImage {
-        self.most = self.options.left.powi(2) * self.unit();
         let mut pitch = self.options.coarsest as usize;
         let mut needs;
         let mut candidates;
         loop {
+            // The first rays may miss most of an image of few pixels.
+            self.set_mean(self.mean_of(&raster, pitch));
             candidates = self.children(&parents, 2 * pitch);
             needs = Needs::new(self.expected(&raster, &candidates, pitch).into_iter());
             if pitch == 1 || self.suffices(&needs) {
@@ -307,6 +319,7 @@ impl<'a> Rounds<'a> {
         } else {
             self.left += needs.left();
         }
+        self.set_mean(image.mean());
         let left = if self.mean > 0.0 { (self.left / self.unit()).sqrt() } else { 0.0 };
         let made = MarchImage { image, counters: self.counters, seconds: 0.0 };
         AdaptiveImage { made, left, rays: self.rays }
@@ -380,7 +393,8 @@ impl<'a> Rounds<'a> {
                         if x < MARGIN || y < MARGIN || x >= MARGIN + width || y >= MARGIN + height {
                             continue;
                         }
-                        let mean = mean_of(values, rays, side, [dx, dy]) + raster.curvature(x, y) / f64::from(24 * rays * rays);
+                        let mean = mean_of(values, rays, side, [dx, dy])
+                            + raster.curvature(x, y) / f64::from(24 * rays * rays);
                         let pixel = &mut image.values_mut()[(y - MARGIN) * width + x - MARGIN];
                         let square = (mean - *pixel) * (mean - *pixel);
                         *pixel = mean;

@@ -10,6 +10,9 @@ const BITS: u32 = 3;
 /// Steps in all, from the largest error down: 128 octaves.
 const STEPS: usize = 1024;
 
+/// Least expected error, as a share of the mean.
+const LEAST: f64 = 1e-6;
+
 /// Fewest places whose errors are compared with what was expected.
 const FEWEST: usize = 8;
 
@@ -31,7 +34,7 @@ pub(super) struct Needs {
     errors: Vec<(f64, Option<(f64, f64)>)>,
     /// Step of each from the largest.
     steps: Vec<usize>,
-    /// Sum and number of places at each step.
+    /// Sum and number of places at each step; those of the sample are taken out.
     sums: Vec<(f64, usize)>,
     /// Steps before this one were given rays.
     given: usize,
@@ -42,7 +45,10 @@ pub(super) struct Needs {
 
 impl Needs {
     pub fn new(expected: impl Iterator<Item = f64>) -> Self {
-        let errors: Vec<(f64, Option<(f64, f64)>)> = expected.map(|e| (e, None)).collect();
+        let mut errors: Vec<(f64, Option<(f64, f64)>)> = expected.map(|e| (e, None)).collect();
+        // Places where nothing is expected stand for something, or what a sample of them shows would count for nothing.
+        let least = LEAST * errors.iter().map(|e| e.0).sum::<f64>() / errors.len().max(1) as f64;
+        errors.iter_mut().for_each(|e| e.0 = e.0.max(least));
         let most = errors.iter().map(|e| e.0).fold(0.0, f64::max).to_bits();
         let mut sums = vec![(0.0, 0); STEPS];
         // Bits of positive numbers rise with them. What is 0 needs nothing.
@@ -89,7 +95,15 @@ impl Needs {
         self.round += 1;
         self.given = end;
         let wanted = |n: &usize| self.steps[*n] < end || sample && mix(*n as u64).is_multiple_of(every);
-        (0..self.steps.len()).filter(|n| self.errors[*n].1.is_none() && wanted(n)).collect()
+        let next: Vec<usize> = (0..self.steps.len()).filter(|n| self.errors[*n].1.is_none() && wanted(n)).collect();
+        // Those of the sample are no part of what is left.
+        for (step, (error, _)) in next.iter().map(|n| (self.steps[*n], self.errors[*n])) {
+            if let Some((sum, number)) = self.sums.get_mut(step).filter(|_| step >= end) {
+                *sum = if *number > 1 { *sum - error } else { 0.0 };
+                *number -= 1;
+            }
+        }
+        next
     }
 
     /// The errors found where rays were given, and what the rays' own noise is expected to have added to each.
@@ -114,5 +128,101 @@ impl Needs {
         if let Some(ratio) = near.into_iter().chain(sample).reduce(f64::max) {
             self.ratio = ratio;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Errors over twelve octaves, in no order.
+    fn errors() -> Vec<f64> {
+        (0..2000u64).map(|n| (mix(n) % 4096 + 1) as f64 / 64.0).collect()
+    }
+
+    #[test]
+    fn the_largest_come_first_and_no_more_than_needed() {
+        let all = errors();
+        let whole: f64 = all.iter().sum();
+        let mut needs = Needs::new(all.iter().copied());
+        assert!((needs.left() - whole).abs() < 1e-9 * whole);
+        let mut given = vec![false; all.len()];
+        loop {
+            let next = needs.next(0.1 * whole);
+            if next.is_empty() {
+                break;
+            }
+            next.iter().for_each(|n| assert!(!std::mem::replace(&mut given[*n], true), "{n} twice"));
+            needs.found(&next, next.iter().map(|n| (all[*n], 0.0)));
+            assert!((needs.ratio - 1.0).abs() < 1e-9);
+        }
+        let rest = |given: &[bool]| all.iter().zip(given).filter(|(_, g)| !**g).map(|(e, _)| e).sum::<f64>();
+        assert!(rest(&given) <= 0.1 * whole && needs.left() <= 0.1 * whole);
+        // But for a sample, the least of them stay, and they are as many as may: to an eighth of an octave.
+        let number = given.iter().filter(|g| **g).count();
+        let mut sorted = all.clone();
+        sorted.sort_by(|a, b| b.total_cmp(a));
+        let mut sum = whole;
+        let fewest = sorted
+            .iter()
+            .take_while(|e| {
+                let more = sum > 0.1 * whole;
+                sum -= **e;
+                more
+            })
+            .count();
+        assert!(number >= fewest && number <= fewest + all.len() / 16 + all.len() / 8, "{number} for {fewest}");
+    }
+
+    #[test]
+    fn what_is_found_puts_the_rest_right() {
+        for factor in [0.2, 5.0] {
+            let all = errors();
+            let whole: f64 = all.iter().sum();
+            let mut needs = Needs::new(all.iter().copied());
+            let mut rest = factor * whole;
+            loop {
+                let next = needs.next(0.1 * whole);
+                if next.is_empty() {
+                    break;
+                }
+                rest -= factor * next.iter().map(|n| all[*n]).sum::<f64>();
+                needs.found(&next, next.iter().map(|n| (factor * all[*n], 0.0)));
+            }
+            assert!((needs.ratio / factor - 1.0).abs() < 1e-9, "{}", needs.ratio);
+            assert!(rest <= 0.1 * whole, "{factor}: {rest}");
+        }
+    }
+
+    /// Where little is expected and much is there, the sample tells.
+    #[test]
+    fn a_sample_finds_what_was_not_expected() {
+        let expected: Vec<f64> = (0..2000).map(|n| if n < 200 { 10.0 } else { 0.01 }).collect();
+        let mut needs = Needs::new(expected.iter().copied());
+        let mut given = 0;
+        loop {
+            let next = needs.next(100.0);
+            if next.is_empty() {
+                break;
+            }
+            given += next.len();
+            needs.found(&next, next.iter().map(|_| (10.0, 0.0)));
+        }
+        assert!(given > 1900, "{given}");
+    }
+
+    #[test]
+    fn noise_is_no_error_but_never_all_of_it() {
+        let found = |noise: f64| {
+            let mut needs = Needs::new(errors().into_iter());
+            let next = needs.next(0.0);
+            let errors = errors();
+            needs.found(&next, next.iter().map(|n| (errors[*n] + 1.0, noise)));
+            needs.ratio
+        };
+        assert!((found(1.0) - 1.0).abs() < 0.01 && found(0.0) > 1.01 && found(1e9) < 0.3);
+        let mut none = Needs::new(std::iter::empty());
+        assert_eq!((none.left(), none.next(0.0)), (0.0, vec![]));
+        assert_eq!(Needs::new([0.0, 0.0].into_iter()).next(0.0), Vec::<usize>::new());
     }
 }

@@ -46,6 +46,7 @@ vectorised! {
 }
 
 #[inline(always)]
+#[allow(clippy::needless_range_loop, reason = "vector code wants plain loops")]
 fn bend_of_patch_body(patch: &[[f64; PATCH]; PATCH]) -> f64 {
     // Those that meet each of the 4 by 4 values around the middle among the four neighbourhoods.
     const SHARES: [f64; 4] = [1.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0, 1.0 / 3.0];
@@ -53,7 +54,8 @@ fn bend_of_patch_body(patch: &[[f64; PATCH]; PATCH]) -> f64 {
     for y in 0..4 {
         for x in 0..4 {
             let (row, column) = (&patch[y + 2], x + 2);
-            let along = row[column - 2] - 4.0 * row[column - 1] + 6.0 * row[column] - 4.0 * row[column + 1] + row[column + 2];
+            let along =
+                row[column - 2] - 4.0 * row[column - 1] + 6.0 * row[column] - 4.0 * row[column + 1] + row[column + 2];
             let down = patch[y][column] - 4.0 * patch[y + 1][column] + 6.0 * patch[y + 2][column]
                 - 4.0 * patch[y + 3][column]
                 + patch[y + 4][column];
@@ -103,7 +105,9 @@ impl Raster {
         let [x, y] = at.map(|v| 2 * v as usize);
         let (left, right) = (3usize.saturating_sub(x), PATCH.min(self.across + 3 - x));
         for (n, row) in patch.iter_mut().enumerate() {
-            if let Some(from) = (y + n).checked_sub(3).and_then(|y| self.values.get(y * self.across..)?.get(..self.across)) {
+            if let Some(from) =
+                (y + n).checked_sub(3).and_then(|y| self.values.get(y * self.across..)?.get(..self.across))
+            {
                 row[left..right].copy_from_slice(&from[x + left - 3..x + right - 3]);
             }
         }
@@ -158,5 +162,74 @@ impl Raster {
             own.iter().zip(row).map(|(a, b)| (a - b) * (a - b)).sum::<f64>()
         };
         rows.map(row).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn raster(side: usize, value: impl Fn(f64, f64) -> f64) -> Raster {
+        let values = (0..side * side).map(|n| value((n % side) as f64, (n / side) as f64)).collect();
+        Raster { across: side, values }
+    }
+
+    #[test]
+    fn polynomials_are_told_exactly_between_values_and_do_not_bend() {
+        let value = |x: f64, y: f64| 3.0 + x - 0.2 * x * y + 1e-2 * x.powi(3) * y.powi(3);
+        let coarse = raster(24, value);
+        let fine = coarse.finer();
+        for y in 8..40 {
+            for x in 8..40 {
+                let told = fine.values[y * 48 + x];
+                let is = value((x as f64 + 0.5) / 2.0 - 0.5, (y as f64 + 0.5) / 2.0 - 0.5);
+                assert!((told - is).abs() < 1e-9 * is.abs().max(1.0), "{x},{y}: {told} {is}");
+            }
+        }
+        for level in SimdLevel::available() {
+            assert!(coarse.bend(level, [5, 6]) < 1e-15);
+        }
+        // Second differences of a cubic in each.
+        assert!((raster(9, |x, y| x * x + 2.0 * y * y).curvature(4, 4) - 6.0).abs() < 1e-12);
+        assert_eq!(coarse.curvature(0, 3), 0.0);
+    }
+
+    /// The sum over a neighbourhood of squares, by its definition, at the rim too.
+    #[test]
+    fn bends_are_those_of_the_neighbourhood() {
+        let all = raster(12, |x, y| ((x * 7.0 + y * 13.0) % 5.0) - 2.0);
+        let at = |x: isize, y: isize| {
+            let inside = |v: isize| (0..12).contains(&v);
+            if inside(x) && inside(y) { all.values[(y * 12 + x) as usize] } else { 0.0 }
+        };
+        let square = |x: isize, y: isize| {
+            let d = |f: &dyn Fn(isize) -> f64| (f(-2) - 4.0 * f(-1) + 6.0 * f(0) - 4.0 * f(1) + f(2)).powi(2);
+            d(&|n| at(x + n, y)) + d(&|n| at(x, y + n))
+        };
+        for candidate in [[0, 0], [2, 3], [5, 5], [0, 5]] {
+            let [x, y] = candidate.map(|v: u32| 2 * v as isize);
+            let mut sum = 0.0;
+            for (px, py) in [(x, y), (x + 1, y), (x, y + 1), (x + 1, y + 1)] {
+                for n in 0..9 {
+                    sum += square(px + n % 3 - 1, py + n / 3 - 1) / 9.0;
+                }
+            }
+            let told: Vec<f64> = SimdLevel::available().into_iter().map(|l| all.bend(l, candidate)).collect();
+            assert!(told.iter().all(|v| v.to_bits() == told[0].to_bits()));
+            assert!((told[0] - sum).abs() < 1e-9 * sum, "{candidate:?}: {} {sum}", told[0]);
+        }
+    }
+
+    #[test]
+    fn squares_are_put_where_they_are_read() {
+        let mut all = raster(16, |x, y| x + 100.0 * y);
+        let values = std::array::from_fn(|l| -(l as f64));
+        assert_eq!(all.square([1, 2])[5], 5.0 + 900.0);
+        let before: f64 = all.square([1, 2]).iter().zip(values).map(|(a, b)| (a - b) * (a - b)).sum();
+        assert_eq!(all.difference([1, 2], &values), before);
+        all.put([1, 2], &values);
+        assert_eq!(all.square([1, 2]), values);
+        assert_eq!(all.sum_of_square([1, 2]), -120.0);
+        assert_eq!(all.sum([2, 4]), -(0.0 + 1.0 + 4.0 + 5.0));
     }
 }

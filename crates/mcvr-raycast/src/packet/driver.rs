@@ -77,13 +77,7 @@ pub(crate) const SIDE: usize = 4;
 pub(crate) trait Cast {
     /// Casts squares of rays that are `pitch` pixels apart, the first of them half of that from the image's corner; values row by row.
     /// Phases are those of the pixels of `points`, one for each ray.
-    fn squares(
-        &self,
-        along: Along,
-        pitch: f64,
-        points: &Points,
-        squares: &[Square],
-    ) -> (Vec<[f64; LANES]>, Counters);
+    fn squares(&self, along: Along, pitch: f64, points: &Points, squares: &[Square]) -> (Vec<[f64; LANES]>, Counters);
 }
 
 /// Code that looks at parts of an image.
@@ -156,13 +150,7 @@ impl<'a, 'w, T: Voxel, W: Weights<T>> Ready<'a, 'w, T, W> {
 }
 
 impl<'a, T: Voxel, W: Weights<T> + Send + 'a> Cast for Ready<'a, '_, T, W> {
-    fn squares(
-        &self,
-        along: Along,
-        pitch: f64,
-        points: &Points,
-        squares: &[Square],
-    ) -> (Vec<[f64; LANES]>, Counters) {
+    fn squares(&self, along: Along, pitch: f64, points: &Points, squares: &[Square]) -> (Vec<[f64; LANES]>, Counters) {
         let optics = self.optics(along);
         let one = |first: &Square| {
             let (x, y) = (SIDE * first[0] as usize, SIDE * first[1] as usize);

@@ -42,7 +42,13 @@ const WIDE: f64 = 2.8;
 const NET: f64 = 0.62;
 
 /// Candidates that need no look at the image.
-pub(super) fn without_look(density: &Density, camera: &Camera, estimand: Estimand, plain: bool, error: f64) -> Vec<Candidate> {
+pub(super) fn without_look(
+    density: &Density,
+    camera: &Camera,
+    estimand: Estimand,
+    plain: bool,
+    error: f64,
+) -> Vec<Candidate> {
     let volume = density.volume();
     let costs = Costs::of(volume);
     let mut all = vec![net(volume, camera.extent().pixels() as u64, &costs, error)];
@@ -85,7 +91,7 @@ pub(super) fn adaptive_rays(volume: &Volume, pilot: &Pilot, error: f64) -> Vec<C
     add(Method::Rays, 0.0, [wanted, 0.0], costs.cell * CELLS * pilot.steps);
     // Where no more than the first rays are needed, all else may be noise.
     let least = SURE * pilot.left / wanted;
-    let noise_alone = (least < 1.0).then(|| 1.0 - least * least);
+    let noise_alone = (least < 1.0).then_some(1.0 - least * least);
     for split in SPLITS.into_iter().chain(noise_alone) {
         if let Some((step, noise)) = widest(pilot, wanted * f64::sqrt(split) / Pilot::SMOOTHING) {
             let left = (wanted * wanted - (Pilot::SMOOTHING * noise).powi(2)).sqrt();

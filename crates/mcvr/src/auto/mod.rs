@@ -92,7 +92,8 @@ pub(crate) fn choose_and_cast(
     let others = candidates::without_look(density, camera, request.estimand, plain, target);
     let options = look(density, request);
     // Where footprints are done before the first rays would be, there is nothing to look for.
-    let sooner = |c: &Candidate| reaches(c, target) && c.seconds < candidates::first_rays(density, camera, options.first);
+    let sooner =
+        |c: &Candidate| reaches(c, target) && c.seconds < candidates::first_rays(density, camera, options.first);
     if !plain || others.iter().any(sooner) {
         return Ok((best(others, target, None), None));
     }

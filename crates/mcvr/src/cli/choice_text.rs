@@ -51,7 +51,9 @@ pub fn table(choice: &Choice) -> String {
                 p.rays, p.looked_at, p.steps
             );
         }
-        None => out += "  without a look: footprints are done before it, or rays are cast in packets only for plain X-rays of tent\n",
+        None => {
+            out += "  without a look: footprints are done before it, or rays are cast in packets only for plain X-rays of tent\n"
+        }
     }
     out
 }

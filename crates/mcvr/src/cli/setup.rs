@@ -129,7 +129,10 @@ pub fn setup(
     }
     if request.adaptive.is_some() {
         if ![Method::Comb, Method::Rays, Method::Auto].contains(&request.method) {
-            bail!("--adaptive says where rays are cast, and {} casts none so: use --method comb or rays", request.method);
+            bail!(
+                "--adaptive says where rays are cast, and {} casts none so: use --method comb or rays",
+                request.method
+            );
         }
         if samples.is_some() {
             bail!("--adaptive casts as many rays as the image needs: leave samples out, or leave --adaptive out");

@@ -81,24 +81,34 @@ fn cast(scenery: &Scenery, request: &Request, look: &Look, passes: &mut Vec<Pass
     } else {
         0
     };
+    // Adaptive rays: at most all of the finest distance, and of those before.
+    let adaptive = request.adaptive.is_some();
+    let finest = 4 * u64::from(mcvr_raycast::AdaptiveOptions::RAYS_LIMIT) / 3 + 2;
     // Means over pixels need the rays of a margin of two pixels.
     let averages = matches!(request.method, Method::Rays | Method::Comb) && !request.jitter && look.is_plain();
     let block = if averages { crate::make::block(request.samples, &scenery.camera) } else { 1 };
     let across = |pixels: usize| pixels.div_ceil(block as usize) as u64 + 4;
     let Extent { width, height } = scenery.camera.extent();
     let cast = if averages { across(width) * across(height) } else { pixels };
-    let mut work = vec![if march {
+    let mut work = vec![if adaptive {
+        Forecast::from("adaptive.left", 0)
+    } else if march {
         Forecast::exact("rays_per_pixel", each)
     } else {
         Forecast::between("depth_limited", 0, pixels)
     }];
-    if block > 1 {
+    if block > 1 && !adaptive {
         work.push(Forecast::exact("pixels_per_ray", u64::from(block * block)));
     }
     let counters = json!(mcvr_raycast::Counters::default());
     for counter in counters.as_object().into_iter().flatten().map(|(name, _)| name) {
         let name = format!("{prefix}.{counter}");
         work.push(match (march, &counter[..]) {
+            (true, "rays") if adaptive => {
+                // The margin is 16 pixels, and whole squares of as many are cast.
+                let across = |pixels: usize| (pixels.next_multiple_of(16) + 32) as u64;
+                Forecast::between(&name, 0, finest.saturating_mul(across(width) * across(height)))
+            }
             (true, "rays") => Forecast::between(&name, 0, each.saturating_mul(cast)),
             // A march knows no cells, and packets leap over bricks a tile at a time, uncounted.
             (true, "cells") if exact => Forecast::from(&name, 0),

@@ -41,7 +41,12 @@ SINGLE = [
     *(
         setting(f"comb step {step}, {rays} rays", "--method", "comb", "--step", str(step), "--rays-a-pixel", str(rays))
         for rays in (0.25, 1, 4)
-        for step in (8, 4, 2, 1.5, 1)
+        for step in (4, 2, 1)
+    ),
+    *(
+        setting(f"adaptive comb step {step}, leaving {left}", "--method", "comb", "--step", str(step), "--adaptive", left)
+        for step in (5, 3, 2, 1)
+        for left in ("7%", "2%", "0.7%", "0.2%")
     ),
     setting("footprint", "--method", "footprint"),
     *(setting(f"rays, {rays}", "--method", "rays", "--rays-a-pixel", str(rays)) for rays in (1, 4, 9)),

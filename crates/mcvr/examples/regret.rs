@@ -45,7 +45,7 @@ fn settings(pixels: u64) -> Vec<(String, Request)> {
     }
     for left in LEFT {
         let base = Request { adaptive: Some(Adaptive::leaving(left)), ..base };
-        let name = format!("leaving {} %", 100.0 * left);
+        let name = format!("leaving {:.1} %", 100.0 * left);
         all.push((format!("rays {name}"), Request { method: Method::Rays, ..base }));
         for step in STEPS {
             all.push((format!("comb {step} {name}"), Request { method: Method::Comb, step, ..base }));
@@ -195,9 +195,10 @@ fn main() -> Result<(), Failure> {
 }
 
 fn table(rows: &[Value]) -> String {
-    let mut out = String::from(
-        "# What the choice of method costs\n\nTime of `--method auto` over that of the quickest fixed setting that reaches the error, of 81 settings; both with the volume's weights and its map of empty bricks at hand; 400x400 pixels.\n\n\
+    let mut out = format!(
+        "# What the choice of method costs\n\nTime of `--method auto` over that of the quickest fixed setting that reaches the error, of {} settings; both with the volume's weights and its map of empty bricks at hand; 400x400 pixels.\n\n\
          | error | cases | regret: median | 90 % | worst | missed the error | worst miss |\n| ---: | ---: | ---: | ---: | ---: | ---: | ---: |\n",
+        settings(1).len()
     );
     let line = |label: String, of: &dyn Fn(&Value) -> bool| {
         let chosen: Vec<&Value> = rows.iter().filter(|r| of(r)).collect();
@@ -228,8 +229,10 @@ fn table(rows: &[Value]) -> String {
             r[key].as_f64().map_or("-".into(), |v| format!("{:.digits$}", v * scale))
         };
         let c = &r["choice"];
+        let left = c["adaptive"]["left"].as_f64();
+        let adaptive = left.map_or(String::new(), |left| format!(", adaptive, leaving {:.2} %", 100.0 * left));
         out += &format!(
-            "| {} | {} | {} % | {} {} {:.2} | {} | {} % | {} | {} | {} |\n",
+            "| {} | {} | {} % | {} {} {:.2}{adaptive} | {} | {} % | {} | {} | {} |\n",
             r["scan"].as_str().unwrap_or(""),
             r["view"],
             100.0 * r["target"].as_f64().unwrap_or(0.0),

@@ -155,8 +155,11 @@ const BOTH: f64 = 1.8;
 /// Squared fourth differences, along both axes, of values that are noise with a variance of 1.
 const NOISY: f64 = 2.0 * 70.0;
 
-/// Expected errors are those beyond what noise looks like, times this: it is not the same everywhere.
-const DOUBT: f64 = 1.5;
+/// Expected errors are those beyond what noise looks like, times this: it is not the same everywhere. Of single pixels little can hide in it, and
+/// more is not gained by rays within them.
+fn doubt(pitch: usize) -> f64 {
+    if pitch == 1 { 5.0 } else { 1.5 }
+}
 
 /// What is the same for all rays of an image.
 #[derive(Clone, Copy)]
@@ -245,7 +248,7 @@ impl<'a> Rounds<'a> {
     /// What candidates for rays at half a distance are expected to gain.
     fn expected(&self, raster: &Raster, candidates: &[Square], pitch: usize) -> Vec<f64> {
         let (level, factor) = (SimdLevel::detect(), bend(pitch).powi(2) * (pitch * pitch) as f64);
-        let noise = DOUBT * NOISY * self.noise();
+        let noise = doubt(pitch) * NOISY * self.noise();
         let one = |at: &Square| factor * (raster.bend(level, *at) - noise * raster.sum(*at)).max(0.0);
         candidates.par_iter().with_min_len(256).map(one).collect()
     }
@@ -371,7 +374,7 @@ impl<'a> Rounds<'a> {
             // Squares of rays along a candidate.
             let squares = side * rays / SIDE as u32;
             // That of a pixel's rays, and of the quarter as many before.
-            let noise = 5.0 * self.noise() / f64::from(rays * rays);
+            let noise = doubt(1) * 5.0 * self.noise() / f64::from(rays * rays);
             let budget = if rays == FINEST { 0.0 } else { SHARE * self.budget() };
             let mut finer = vec![];
             loop {

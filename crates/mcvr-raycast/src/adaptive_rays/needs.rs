@@ -118,8 +118,8 @@ impl Needs {
                 }
             }
             let (expected, found, noise) = sums;
-            // At least a quarter: how much of it is noise is not known that well.
-            let found = (found - noise).max(0.25 * found);
+            // At least a tenth: how much of it is noise is not known that well.
+            let found = (found - noise).max(0.1 * found);
             (number >= FEWEST && expected > 0.0).then_some(found / expected)
         };
         // The places most like those that are left, and those among them.

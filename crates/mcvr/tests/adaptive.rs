@@ -57,6 +57,17 @@ fn the_choice_can_be_repeated() {
 }
 
 #[test]
+fn plans_hold() {
+    let scenery = lobster();
+    for method in [Method::Comb, Method::Rays] {
+        let request = Request { method, adaptive: Some(Adaptive::leaving(0.01)), ..Request::default() };
+        let plan = mcvr::plan::plan(&scenery, &request, &Default::default()).unwrap();
+        let verdicts = plan.verify(&made(&scenery, &request).counters);
+        assert!(verdicts.len() >= 6 && verdicts.iter().all(|v| v.holds()), "{verdicts:?}");
+    }
+}
+
+#[test]
 fn what_cannot_be_adaptive_is_refused() {
     let scenery = lobster();
     let base = Request { method: Method::Comb, adaptive: Some(Adaptive::leaving(0.01)), ..Request::default() };

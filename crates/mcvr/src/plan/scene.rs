@@ -90,13 +90,11 @@ fn cast(scenery: &Scenery, request: &Request, look: &Look, passes: &mut Vec<Pass
     let across = |pixels: usize| pixels.div_ceil(block as usize) as u64 + 4;
     let Extent { width, height } = scenery.camera.extent();
     let cast = if averages { across(width) * across(height) } else { pixels };
-    let mut work = vec![if adaptive {
-        Forecast::from("adaptive.left", 0)
-    } else if march {
-        Forecast::exact("rays_per_pixel", each)
-    } else {
-        Forecast::between("depth_limited", 0, pixels)
-    }];
+    let mut work = match (adaptive, march) {
+        (true, _) => vec![],
+        (_, true) => vec![Forecast::exact("rays_per_pixel", each)],
+        _ => vec![Forecast::between("depth_limited", 0, pixels)],
+    };
     if block > 1 && !adaptive {
         work.push(Forecast::exact("pixels_per_ray", u64::from(block * block)));
     }

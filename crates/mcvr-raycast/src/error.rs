@@ -82,6 +82,10 @@ pub enum RaycastError {
     #[error("the error that adaptive rays may leave must be positive and finite (a share of the mean pixel), got {0}")]
     Left(f64),
 
+    /// The noise of adaptive rays is no share.
+    #[error("the noise of adaptive rays is a share of what their halves differ by: zero or more and finite, got {0}")]
+    Noise(f64),
+
     /// Adaptive rays begin at another distance.
     #[error("adaptive rays begin with one for a block of 4, 2 or 1 pixels along a side, got {0}")]
     Coarsest(u32),

@@ -51,7 +51,7 @@ mod sampled;
 mod view;
 mod walk;
 
-pub use adaptive_rays::{AdaptiveImage, AdaptiveOptions, LookOptions, Pilot, cast_adaptive_rays, look_and_cast};
+pub use adaptive_rays::{AdaptiveImage, AdaptiveOptions, Comb, LookOptions, Pilot, cast_adaptive_rays, look_and_cast};
 pub use counters::Counters;
 pub use effects::{LookReference, reference_with_look};
 pub use error::RaycastError;

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use common::*;
 use mcvr_raycast::{
-    AdaptiveImage, AdaptiveOptions, LookOptions, Pilot, RayOptions, RaycastError, Watch, cast_adaptive_rays, cast_rays,
+    AdaptiveImage, AdaptiveOptions, Comb, LookOptions, Pilot, RayOptions, RaycastError, Watch, cast_adaptive_rays, cast_rays,
     look_and_cast,
 };
 use mcvr_scene::{Camera, Density, Estimand, Extent, Image, View};
@@ -84,7 +84,7 @@ fn less_error_takes_more_rays_and_fewer_than_one_a_pixel() {
     let all =
         cast_rays(&d, &camera, &RayOptions { average: true, ..RayOptions::default() }, &Watch::default()).unwrap();
     let (mut first, mut last) = (u64::MAX, 0);
-    for (left, share) in [(0.1, 0.1), (0.02, 0.2), (0.005, 0.5)] {
+    for (left, share) in [(0.1, 0.1), (0.02, 0.2), (0.005, 0.5), (0.001, 1.0)] {
         let made = cast(&d, &camera, &AdaptiveOptions { left, ..AdaptiveOptions::default() });
         let rays = made.made.counters.rays;
         assert!(rays >= last, "{left}: {rays} rays after {last}");
@@ -108,7 +108,7 @@ fn what_repeats_with_the_rays_is_found_by_the_sample() {
     let blocks = RayOptions { average: true, block: 4, ..RayOptions::default() };
     let blind = cast_rays(&d, &camera, &blocks, &Watch::default()).unwrap().image;
     assert!(rmse(&blind, &truth) > 0.15, "{}", rmse(&blind, &truth));
-    for left in [0.01, 0.003] {
+    for left in [0.03, 0.01, 0.003] {
         let made = cast(&d, &camera, &AdaptiveOptions { left, ..AdaptiveOptions::default() });
         let error = rmse(&made.made.image, &truth);
         assert!(error < 1.5 * left, "{left}: {error}, says {}", made.left);
@@ -119,7 +119,7 @@ fn what_repeats_with_the_rays_is_found_by_the_sample() {
 fn threads_change_no_bit() {
     let (d, grid) = balls(40);
     let camera = camera(&grid, OBLIQUE, 150, 130);
-    let options = AdaptiveOptions { step: Some(2.3), left: 0.004, noise: 0.003, ..AdaptiveOptions::default() };
+    let options = AdaptiveOptions { comb: Some(Comb::new(2.3)), left: 0.004, ..AdaptiveOptions::default() };
     let with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let mut made = pool.install(|| cast(&d, &camera, &options));
@@ -142,7 +142,7 @@ fn combs_add_noise_without_bias() {
     let mut mean = Image::zeros(camera.extent());
     let mut square = 0.0;
     for seed in 0..seeds {
-        let options = AdaptiveOptions { step: Some(3.0), left: 1e-3, noise: 0.01, seed, ..AdaptiveOptions::default() };
+        let options = AdaptiveOptions { comb: Some(Comb::new(3.0)), left: 1e-3, seed, ..AdaptiveOptions::default() };
         let image = cast(&d, &camera, &options).made.image;
         square += rmse(&image, &exact).powi(2) / seeds as f64;
         mean.values_mut().iter_mut().zip(image.values()).for_each(|(m, v)| *m += v / seeds as f64);
@@ -157,24 +157,30 @@ fn a_look_is_the_beginning_of_the_image() {
     let camera = camera(&grid, OBLIQUE, 160, 144);
     let look = LookOptions { first: 3.0, others: &[1.5], truth: None, squares: 24, estimand: Estimand::Line, seed: 5 };
     let options = AdaptiveOptions {
-        step: Some(4.0),
-        first: Some(3.0),
+        comb: Some(Comb::new(4.0)),
         left: 0.01,
-        noise: 0.02,
         seed: 5,
         ..AdaptiveOptions::default()
     };
     let kept = std::cell::RefCell::new(None);
-    for chosen in [options, AdaptiveOptions { first: None, ..options }, AdaptiveOptions { coarsest: 1, ..options }] {
+    let first = |pilot: &Pilot| Some(Comb { step: pilot.first, noise: pilot.noise });
+    // By the other comb, and for the truth.
+    let looked = |pilot: &Pilot| 2 * pilot.looked_at;
+    let goes_on = |pilot: &Pilot| AdaptiveOptions { first: first(pilot), ..options };
+    let begins_again = |_: &Pilot| AdaptiveOptions { first: None, ..options };
+    let closer = |pilot: &Pilot| AdaptiveOptions { coarsest: 1, ..goes_on(pilot) };
+    for (chosen, anew) in [(&goes_on as &dyn Fn(&Pilot) -> _, 0), (&begins_again, 1), (&closer, 1)] {
         let judge = |pilot: &Pilot| {
             *kept.borrow_mut() = Some(pilot.clone());
-            Some(chosen)
+            Some(chosen(pilot))
         };
         let (pilot, image) = look_and_cast(&d, &camera, &look, &judge, &Watch::default()).unwrap().unwrap();
         let image = image.unwrap();
         assert_eq!(kept.take().as_ref(), Some(&pilot));
-        assert_eq!(image.made.image, cast(&d, &camera, &chosen).made.image);
-        assert_eq!(image.left, cast(&d, &camera, &chosen).left);
+        let direct = cast(&d, &camera, &chosen(&pilot));
+        assert_eq!((&image.made.image, image.left), (&direct.made.image, direct.left));
+        // The first rays are cast once where they serve.
+        assert_eq!(image.made.counters.rays, direct.made.counters.rays + looked(&pilot) + anew * pilot.rays);
     }
     let (pilot, image) = look_and_cast(&d, &camera, &look, &|_| None, &Watch::default()).unwrap().unwrap();
     assert_eq!(image, None);
@@ -183,7 +189,7 @@ fn a_look_is_the_beginning_of_the_image() {
     for (step, told) in &pilot.combs {
         let with = |step: Option<f64>| {
             // Nothing but the first rays.
-            cast(&d, &camera, &AdaptiveOptions { step, left: 1e6, seed: 5, ..AdaptiveOptions::default() }).made.image
+            cast(&d, &camera, &AdaptiveOptions { comb: step.map(Comb::new), left: 1e6, seed: 5, ..AdaptiveOptions::default() }).made.image
         };
         let noise = rmse(&with(Some(*step)), &with(None)) / Pilot::SMOOTHING;
         assert!((0.6..1.6).contains(&(told / noise)), "{step}: told {told}, is {noise}");
@@ -212,9 +218,12 @@ fn unusable_options_are_refused() {
     for left in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(matches!(of(AdaptiveOptions { left, ..base }), RaycastError::Left(_)));
     }
+    for noise in [-1.0, f64::NAN, f64::INFINITY] {
+        assert!(matches!(of(AdaptiveOptions { comb: Some(Comb { step: 1.0, noise }), ..base }), RaycastError::Noise(_)));
+    }
     assert_eq!(of(AdaptiveOptions { coarsest: 3, ..base }), RaycastError::Coarsest(3));
-    assert_eq!(of(AdaptiveOptions { step: Some(0.0), ..base }), RaycastError::Step(0.0));
-    assert_eq!(of(AdaptiveOptions { first: Some(-1.0), step: Some(1.0), ..base }), RaycastError::Step(-1.0));
+    assert_eq!(of(AdaptiveOptions { comb: Some(Comb::new(0.0)), ..base }), RaycastError::Step(0.0));
+    assert_eq!(of(AdaptiveOptions { first: Some(Comb::new(-1.0)), comb: Some(Comb::new(1.0)), ..base }), RaycastError::Step(-1.0));
     let wide = density(grid.clone(), vec![1u32; grid.len()]);
     let refused = cast_adaptive_rays(&wide, &camera, &base, &Watch::default()).unwrap_err();
     assert_eq!(refused, RaycastError::Packets);

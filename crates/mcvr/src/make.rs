@@ -8,7 +8,7 @@ use mcvr_harness::PhaseSeconds;
 use mcvr_mc::{OrderStatistics, Quicksorted, Stratified, Unsorted};
 use mcvr_qmc::{Scramble, SobolNet};
 use mcvr_raycast::{
-    AdaptiveImage, AdaptiveOptions, MarchImage, MarchOptions, RayOptions, RaycastError, ReferenceOptions,
+    AdaptiveImage, AdaptiveOptions, Comb, MarchImage, MarchOptions, RayOptions, RaycastError, ReferenceOptions,
     cast_adaptive_rays, cast_rays_with_look, march_with_look, reference_with_look,
 };
 use mcvr_refine::{Goal, RefineError};
@@ -55,25 +55,25 @@ impl Scenery {
 pub struct Adaptive {
     /// Error that may be left between the rays: RMSE over the mean pixel.
     pub left: f64,
-    /// Error along the rays, as far as it is known.
+    /// Comb: the noise that is taken for no error ([`Comb::noise`]).
     pub noise: f64,
     /// Pixels along the side of the blocks that share a ray at first.
     pub coarsest: u32,
-    /// Comb: distance of the first rays' samples, where it differs from that of the others.
-    pub first: Option<f64>,
+    /// Comb: samples of the first rays, where they differ from those of the others.
+    pub first: Option<Comb>,
 }
 
 impl Adaptive {
     /// For an error that may be left, from blocks of 4 by 4 pixels down.
     pub fn leaving(left: f64) -> Self {
-        Self { left, noise: 0.0, coarsest: 4, first: None }
+        Self { left, noise: Comb::NOISE, coarsest: 4, first: None }
     }
 
     /// With what a request says besides.
     pub(crate) fn options(self, request: &Request) -> AdaptiveOptions {
         let Self { left, noise, coarsest, first } = self;
-        let step = (request.method == Method::Comb).then_some(request.step);
-        AdaptiveOptions { step, first, left, noise, coarsest, estimand: request.estimand, seed: request.seed }
+        let comb = (request.method == Method::Comb).then_some(Comb { step: request.step, noise });
+        AdaptiveOptions { comb, first, left, coarsest, estimand: request.estimand, seed: request.seed }
     }
 }
 
@@ -288,6 +288,14 @@ fn complete(
 
 /// Refuses an image with a pixel that is no number.
 pub(crate) fn check_finite(image: &Image) -> Result<(), MakeError> {
+    // What is no number times 0 is none either.
+    let mut sums = [0.0f64; 8];
+    let rows = image.values().chunks_exact(sums.len());
+    let rest = rows.remainder().iter().fold(0.0, |sum, v| sum + v * 0.0);
+    rows.for_each(|row| sums.iter_mut().zip(row).for_each(|(sum, v)| *sum += v * 0.0));
+    if rest + sums.iter().sum::<f64>() == 0.0 {
+        return Ok(());
+    }
     match image.values().iter().position(|v| !v.is_finite()) {
         None => Ok(()),
         Some(at) => Err(MakeError::Scene(SceneError::Image(format!(

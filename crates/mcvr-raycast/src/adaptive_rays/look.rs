@@ -9,7 +9,7 @@ use rand_pcg::Pcg64Dxsm;
 use serde::Serialize;
 
 use super::raster::Raster;
-use super::{AdaptiveImage, AdaptiveOptions, Rounds, Scene, finished, wide};
+use super::{AdaptiveImage, AdaptiveOptions, Comb, Rounds, Scene, finished, wide};
 use crate::packet::{Cast, LANES, Look, Packets, Square};
 use crate::points::Points;
 use crate::{Counters, RaycastError};
@@ -51,6 +51,8 @@ pub struct Pilot {
     pub lefts: Vec<f64>,
     /// Distance of a comb's samples in units of the smallest voxel spacing, and the error along single rays that it leaves.
     pub combs: Vec<(f64, f64)>,
+    /// Variance of the first rays as a share of what twice the distance would add: [`Comb::noise`].
+    pub noise: f64,
     /// Samples at a distance of 1 a ray that can meet density.
     pub steps: f64,
     /// Work of the look, the first rays included.
@@ -72,7 +74,9 @@ pub fn look_and_cast(
 ) -> Result<Option<(Pilot, Option<AdaptiveImage>)>, RaycastError> {
     let start = Instant::now();
     let LookOptions { first, estimand, seed, .. } = *options;
-    let of_first = AdaptiveOptions { step: Some(first), estimand, seed, ..AdaptiveOptions::default() };
+    // What rays see by turns stays as it is until the noise is known.
+    let comb = Some(Comb { step: first, noise: 1.0 });
+    let of_first = AdaptiveOptions { comb, estimand, seed, ..AdaptiveOptions::default() };
     of_first.check(density)?;
     let wide = wide(camera)?;
     let looking = Looking { options, of_first, judge, density, scene: Scene::new(density, camera, watch) };
@@ -103,26 +107,26 @@ impl Look for Looking<'_> {
 
     fn run(self, full: &[(usize, usize)], cast: &dyn Cast) -> Self::Out {
         let mut rounds = Rounds::new(self.of_first, self.scene, cast);
-        let (raster, squares) = rounds.first(full);
-        let pilot = self.pilot(&mut rounds, &raster, &squares);
+        let (mut raster, squares) = rounds.first(full);
+        let (pilot, expected) = self.pilot(&mut rounds, &mut raster, &squares);
         let Some(options) = (self.judge)(&pilot) else { return Ok((pilot, None)) };
         options.check(self.density)?;
-        let same = AdaptiveOptions { step: options.first.or(options.step), ..options };
-        let same = (same.coarsest, same.step, same.estimand, same.seed)
-            == (self.of_first.coarsest, self.of_first.step, self.of_first.estimand, self.of_first.seed);
+        let first = Some(Comb { step: pilot.first, noise: pilot.noise });
+        let same = (options.coarsest, options.first.or(options.comb), options.estimand, options.seed)
+            == (self.of_first.coarsest, first, self.of_first.estimand, self.of_first.seed);
         let made = if same {
-            Rounds { options, ..rounds }.rest(raster, squares)
+            Rounds { options, ..rounds }.rest(raster, squares, Some(expected))
         } else {
             let mut rounds = Rounds { options, rays: vec![], ..rounds };
             let (raster, squares) = rounds.first(full);
-            rounds.rest(raster, squares)
+            rounds.rest(raster, squares, None)
         };
         Ok((pilot, Some(made)))
     }
 }
 
 impl Looking<'_> {
-    fn pilot(&self, rounds: &mut Rounds<'_>, raster: &Raster, squares: &[Square]) -> Pilot {
+    fn pilot(&self, rounds: &mut Rounds<'_>, raster: &mut Raster, squares: &[Square]) -> (Pilot, Vec<f64>) {
         let LookOptions { first, others, truth, squares: number, seed, .. } = *self.options;
         let rays = rounds.counters.rays;
         let steps = rounds.counters.evaluations as f64 * first / rays.max(1) as f64;
@@ -135,17 +139,23 @@ impl Looking<'_> {
         let mut random = Pcg64Dxsm::new(u128::from(seed), 0x7069_6c6f);
         let (chosen, weights) = draw(&shares, number.min(squares.len()), random.random());
         let at: Vec<Square> = chosen.iter().map(|n| squares[*n]).collect();
-        let mut values = |step: Option<f64>, n: u64| {
+        let mut values = |step: Option<f64>, n: u64| -> Vec<[f64; LANES]> {
+            let along = rounds.scene.along(step.map(Comb::new));
             let points = Points::new(1, false, step.is_some(), seed.wrapping_add(n << 32));
-            let (values, work) = rounds.cast.squares(rounds.scene.along(step), 4.0, &points, &at);
+            let (seen, work) = rounds.cast.squares(along, 4.0, &points, &at);
             rounds.counters += work;
-            values
+            seen.iter().map(|s| s.values).collect()
         };
         let truth = values(truth, 1);
         let pixels = self.scene.extent.pixels() as f64;
         // A square's share of the image: those at its rim are taken for whole.
         let area = (4 * 4 * LANES) as f64 / pixels;
         let unit = rounds.mean * rounds.mean;
+        // What rays saw by turns is known at all squares: those that were drawn stand for more, or less.
+        let turns = |at: &Square| raster.noise_at(*at);
+        let (all, drawn) = (squares.iter().map(turns).sum::<f64>(), at.iter().zip(&weights).map(|(at, w)| w * turns(at)));
+        let drawn = drawn.sum::<f64>();
+        let area = if drawn > 0.0 { area * all / drawn } else { area };
         let error = |values: &[[f64; LANES]]| {
             let square = |(v, t): (&[f64; LANES], &[f64; LANES])| {
                 v.iter().zip(t).map(|(v, t)| (v - t) * (v - t)).sum::<f64>() / LANES as f64
@@ -158,12 +168,13 @@ impl Looking<'_> {
         combs.extend(others.iter().enumerate().map(|(n, d)| (*d, error(&values(Some(*d), n as u64 + 2)))));
         combs.sort_by(|a, b| a.0.total_cmp(&b.0));
         // What the first rays' noise looks like is no error between them.
-        rounds.options.noise = error(&own);
+        let noise = if all > 0.0 { error(&own).powi(2) * unit * pixels / ((4 * 4 * LANES) as f64 * all) } else { 0.0 };
+        raster.scale_noise(noise);
         let candidates = rounds.children(squares, 8);
-        let lefts: Vec<f64> = rounds.expected(raster, &candidates, 4);
+        let expected = rounds.expected(&*raster, &candidates, 4);
         let all = rounds.unit();
-        let lefts: Vec<f64> = lefts.iter().map(|e| if all > 0.0 { e / all } else { 0.0 }).collect();
-        Pilot {
+        let lefts: Vec<f64> = expected.iter().map(|e| if all > 0.0 { e / all } else { 0.0 }).collect();
+        let pilot = Pilot {
             first,
             rays,
             looked_at: (at.len() * LANES) as u64,
@@ -172,9 +183,11 @@ impl Looking<'_> {
             left: lefts.iter().sum::<f64>().sqrt(),
             lefts,
             combs,
+            noise,
             steps,
             counters: rounds.counters,
-        }
+        };
+        (pilot, expected)
     }
 }
 

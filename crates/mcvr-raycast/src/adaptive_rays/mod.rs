@@ -20,25 +20,47 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::average::{self, Rays};
-use crate::packet::{Along, Cast, LANES, Look, Packets, SIDE, Square, TILE};
+use crate::packet::{Along, Cast, LANES, Look, Packets, SIDE, Seen, Square, TILE};
 use crate::points::Points;
 use crate::{Counters, MarchImage, MarchOptions, RayOptions, RaycastError};
 pub use look::{LookOptions, Pilot, look_and_cast};
 use needs::Needs;
 use raster::Raster;
 
+/// Samples at even distances along rays, with a random phase for every ray.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Comb {
+    /// Distance between samples, in units of the smallest voxel spacing.
+    pub step: f64,
+    /// Variance of a sum as a share of what twice the distance would add to it, which is seen at every ray: 1/3 where errors rise
+    /// as the distance, 1/7 as its power of 3/2, 1/15 as its square. So much is not taken for an error between rays.
+    pub noise: f64,
+}
+
+impl Comb {
+    /// [`noise`](Self::noise) where it is not known.
+    pub const NOISE: f64 = 0.25;
+
+    /// Samples at a distance.
+    pub fn new(step: f64) -> Self {
+        Self { step, noise: Self::NOISE }
+    }
+
+    /// The noise where errors rise by a power of the distance.
+    pub fn noise_of(power: f64) -> f64 {
+        1.0 / (4f64.powf(power) - 1.0)
+    }
+}
+
 /// How to cast rays where they are needed. `tent`, without effects.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct AdaptiveOptions {
-    /// Distance between the samples of a ray, in units of the smallest voxel spacing, with a random phase for every ray; `None`
-    /// integrates rays exactly.
-    pub step: Option<f64>,
+    /// Samples along rays; `None` integrates rays exactly.
+    pub comb: Option<Comb>,
     /// The same of the first rays, where it differs.
-    pub first: Option<f64>,
+    pub first: Option<Comb>,
     /// The error that may be left between the rays: RMSE over the mean pixel. That along the rays comes on top.
     pub left: f64,
-    /// Error along the rays, as far as it is known: RMSE over the mean pixel. It is not taken for an error between them.
-    pub noise: f64,
     /// Pixels along the side of the blocks that share a ray at first: 4, 2 or 1.
     pub coarsest: u32,
     /// What a pixel means (METHOD section 2).
@@ -50,7 +72,7 @@ pub struct AdaptiveOptions {
 impl Default for AdaptiveOptions {
     /// Exact rays that leave 1 %.
     fn default() -> Self {
-        Self { step: None, first: None, left: 0.01, noise: 0.0, coarsest: 4, estimand: Estimand::default(), seed: 0 }
+        Self { comb: None, first: None, left: 0.01, coarsest: 4, estimand: Estimand::default(), seed: 0 }
     }
 }
 
@@ -74,8 +96,11 @@ impl AdaptiveOptions {
         let grid = density.volume().grid();
         let rays = RayOptions { estimand: self.estimand, seed: self.seed, ..RayOptions::default() };
         rays.check(grid)?;
-        for step in [self.step, self.first].into_iter().flatten() {
+        for Comb { step, noise } in [self.comb, self.first].into_iter().flatten() {
             MarchOptions { step, random_phase: true, rays }.check(grid)?;
+            if !(noise >= 0.0 && noise.is_finite()) {
+                return Err(RaycastError::Noise(noise));
+            }
         }
         if !(self.left > 0.0 && self.left.is_finite()) {
             return Err(RaycastError::Left(self.left));
@@ -143,23 +168,22 @@ fn bend(pitch: usize) -> f64 {
     }
 }
 
-/// Share of what may be left that may stay at one distance, where finer ones follow.
-const SHARE: f64 = 0.5;
-
 /// Factor on squared errors when rays in a pixel are twice as close: the fourth power, as for kinks.
 const FALL: f64 = 1.0 / 16.0;
 
-/// Noise of a ray and of the polynomial through its neighbours, in the square of their difference, in units of a ray's.
-const BOTH: f64 = 1.8;
+/// The same when rays come to be 2 pixels apart, or one.
+fn fall(pitch: usize) -> f64 {
+    if pitch == 2 { 1.0 / 8.0 } else { 1.0 / 32.0 }
+}
+
+/// Variance of the polynomial through rays with noise, in units of theirs.
+const BETWEEN: f64 = 0.8;
 
 /// Squared fourth differences, along both axes, of values that are noise with a variance of 1.
 const NOISY: f64 = 2.0 * 70.0;
 
-/// Expected errors are those beyond what noise looks like, times this: it is not the same everywhere. Of single pixels little can hide in it, and
-/// more is not gained by rays within them.
-fn doubt(pitch: usize) -> f64 {
-    if pitch == 1 { 5.0 } else { 1.5 }
-}
+/// Expected errors are those beyond what noise looks like, times this: it is told from few rays.
+const DOUBT: f64 = 1.5;
 
 /// What is the same for all rays of an image.
 #[derive(Clone, Copy)]
@@ -175,8 +199,8 @@ impl<'a> Scene<'a> {
         Self { extent: camera.extent(), spacing: density.volume().grid().spacing().min_element(), watch }
     }
 
-    fn along(&self, step: Option<f64>) -> Along {
-        step.map_or(Along::Exact, |step| Along::Comb(step * self.spacing))
+    fn along(&self, comb: Option<Comb>) -> Along {
+        comb.map_or(Along::Exact, |comb| Along::Comb(comb.step * self.spacing))
     }
 }
 
@@ -192,7 +216,7 @@ impl Look for Spread<'_> {
     fn run(self, full: &[(usize, usize)], cast: &dyn Cast) -> AdaptiveImage {
         let mut rounds = Rounds::new(*self.options, self.scene, cast);
         let (raster, squares) = rounds.first(full);
-        rounds.rest(raster, squares)
+        rounds.rest(raster, squares, None)
     }
 }
 
@@ -240,31 +264,29 @@ impl<'a> Rounds<'a> {
         needs.left() <= self.budget() || self.scene.watch.cancelled()
     }
 
-    /// Variance of a ray's noise for a value of 1: it is taken to rise with the value.
-    fn noise(&self) -> f64 {
-        self.options.noise * self.options.noise * self.mean
-    }
-
     /// What candidates for rays at half a distance are expected to gain.
     fn expected(&self, raster: &Raster, candidates: &[Square], pitch: usize) -> Vec<f64> {
         let (level, factor) = (SimdLevel::detect(), bend(pitch).powi(2) * (pitch * pitch) as f64);
-        let noise = doubt(pitch) * NOISY * self.noise();
-        let one = |at: &Square| factor * (raster.bend(level, *at) - noise * raster.sum(*at)).max(0.0);
+        // Of 2 by 2 rays.
+        let noise = DOUBT * NOISY * 4.0;
+        let one = |at: &Square| factor * (raster.bend(level, *at) - noise * raster.noise_around(*at)).max(0.0);
         candidates.par_iter().with_min_len(256).map(one).collect()
     }
 
-    /// Casts squares of rays at a distance.
-    fn squares(&mut self, step: Option<f64>, pitch: f64, squares: &[Square]) -> Vec<[f64; LANES]> {
+    /// Casts squares of rays at a distance; their noise is what the comb's is taken for.
+    fn squares(&mut self, comb: Option<Comb>, pitch: f64, squares: &[Square]) -> Vec<Seen> {
         // Rays of different distances know nothing of each other.
         let seed = self.options.seed ^ pitch.to_bits().rotate_left(20);
-        let points = Points::new(1, false, step.is_some(), seed);
-        let (values, work) = self.cast.squares(self.scene.along(step), pitch, &points, squares);
+        let points = Points::new(1, false, comb.is_some(), seed);
+        let (mut seen, work) = self.cast.squares(self.scene.along(comb), pitch, &points, squares);
         match self.rays.last_mut().filter(|(p, _)| *p == pitch) {
             Some((_, rays)) => *rays += work.rays,
             None => self.rays.push((pitch, work.rays)),
         }
         self.counters += work;
-        values
+        let share = comb.map_or(0.0, |comb| comb.noise);
+        seen.iter_mut().for_each(|s| s.noise *= share);
+        seen
     }
 
     /// Mean of the values whose places are in the image.
@@ -272,7 +294,7 @@ impl<'a> Rounds<'a> {
         let Extent { width, height } = self.scene.extent;
         let inside = |pixels: usize| MARGIN / pitch..(MARGIN + pixels).div_ceil(pitch);
         let (x, y) = (inside(width), inside(height));
-        let rows = y.clone().map(|y| raster.values[y * raster.across..][x.clone()].iter().sum::<f64>());
+        let rows = y.clone().map(|y| sum(&raster.values[y * raster.across..][x.clone()]));
         rows.sum::<f64>() / (x.len() * y.len()) as f64
     }
 
@@ -289,16 +311,16 @@ impl<'a> Rounds<'a> {
         let meets = |at: &Square| tiles(at[1]).any(|y| tiles(at[0]).any(|x| lit[y * stride + x]));
         let all = (0..(down / side) as u32).flat_map(|y| (0..(across / side) as u32).map(move |x| [x, y]));
         let squares: Vec<Square> = all.filter(meets).collect();
-        let values = self.squares(self.options.first.or(self.options.step), pitch as f64, &squares);
+        let seen = self.squares(self.options.first.or(self.options.comb), pitch as f64, &squares);
         let mut raster = Raster::zeros([across / pitch, down / pitch]);
-        squares.iter().zip(&values).for_each(|(at, v)| raster.put(*at, v));
+        squares.iter().zip(&seen).for_each(|(at, seen)| raster.put(*at, seen));
 
         self.mean = self.mean_of(&raster, pitch);
         (raster, squares)
     }
 
-    /// All rays but the first, and the image.
-    fn rest(mut self, mut raster: Raster, mut parents: Vec<Square>) -> AdaptiveImage {
+    /// All rays but the first, and the image. `expected` is what closer rays are expected to gain, where that is known already.
+    fn rest(mut self, mut raster: Raster, mut parents: Vec<Square>, mut expected: Option<Vec<f64>>) -> AdaptiveImage {
         let mut pitch = self.options.coarsest as usize;
         let mut needs;
         let mut candidates;
@@ -306,8 +328,11 @@ impl<'a> Rounds<'a> {
             // The first rays may miss most of an image of few pixels.
             self.set_mean(self.mean_of(&raster, pitch));
             candidates = self.children(&parents, 2 * pitch);
-            needs = Needs::new(self.expected(&raster, &candidates, pitch).into_iter());
-            if pitch == 1 || self.suffices(&needs) {
+            let expected = expected.take().unwrap_or_else(|| self.expected(&raster, &candidates, pitch));
+            needs = Needs::new(expected.into_iter());
+            // What the first rays do not show, a sample of closer ones does.
+            let sampled = pitch < self.options.coarsest as usize;
+            if pitch == 1 || sampled && self.suffices(&needs) {
                 break;
             }
             pitch /= 2;
@@ -317,12 +342,12 @@ impl<'a> Rounds<'a> {
         let first = MARGIN / pitch - average::MARGIN;
         let inner = &raster.values[first * raster.across + first..];
         let mut image = average::means((inner, raster.across), self.scene.extent, rays, 1.0);
-        if pitch == 1 && !self.suffices(&needs) {
+        if pitch == 1 && (self.options.coarsest == 1 || !self.suffices(&needs)) {
             self.within_pixels(&raster, candidates, needs, &mut image);
         } else {
             self.left += needs.left();
         }
-        self.set_mean(image.mean());
+        self.set_mean(sum(image.values()) / image.values().len() as f64);
         let left = if self.mean > 0.0 { (self.left / self.unit()).sqrt() } else { 0.0 };
         let made = MarchImage { image, counters: self.counters, seconds: 0.0 };
         AdaptiveImage { made, left, rays: self.rays }
@@ -346,21 +371,22 @@ impl<'a> Rounds<'a> {
     fn closer(&mut self, pitch: usize, coarse: &Raster, at: &[Square], needs: &mut Needs) -> (Raster, Vec<Square>) {
         let mut raster = coarse.finer();
         let area = (pitch * pitch) as f64;
-        let noise = BOTH * area * self.noise();
-        let budget = SHARE * self.budget();
+        let number = area * LANES as f64;
+        let budget = self.budget();
         let mut all = vec![];
         loop {
-            let next = needs.next(budget);
+            let next = needs.next(budget, fall(pitch));
             if next.is_empty() || self.scene.watch.cancelled() {
                 self.left += needs.left();
                 return (raster, all);
             }
             let squares: Vec<Square> = next.iter().map(|n| at[*n]).collect();
-            let values = self.squares(self.options.step, pitch as f64, &squares);
-            let found = squares.iter().zip(&values);
-            let found = found.map(|(at, v)| (area * raster.difference(*at, v), noise * v.iter().sum::<f64>()));
+            let seen = self.squares(self.options.comb, pitch as f64, &squares);
+            let both = |at: Square, seen: &Seen| number * (seen.noise + BETWEEN * raster.noise_at(at));
+            let found = squares.iter().zip(&seen);
+            let found = found.map(|(at, s)| (area * raster.difference(*at, &s.values), both(*at, s)));
             needs.found(&next, found);
-            squares.iter().zip(&values).for_each(|(at, v)| raster.put(*at, v));
+            squares.iter().zip(&seen).for_each(|(at, seen)| raster.put(*at, seen));
             all.extend(squares);
         }
     }
@@ -374,11 +400,11 @@ impl<'a> Rounds<'a> {
             // Squares of rays along a candidate.
             let squares = side * rays / SIDE as u32;
             // That of a pixel's rays, and of the quarter as many before.
-            let noise = doubt(1) * 5.0 * self.noise() / f64::from(rays * rays);
-            let budget = if rays == FINEST { 0.0 } else { SHARE * self.budget() };
+            let noise = 5.0 / f64::from(rays * rays);
+            let budget = self.budget();
             let mut finer = vec![];
             loop {
-                let next = needs.next(budget);
+                let next = needs.next(budget, FALL);
                 if next.is_empty() || self.scene.watch.cancelled() {
                     break;
                 }
@@ -387,22 +413,23 @@ impl<'a> Rounds<'a> {
                     (0..squares).flat_map(move |dy| (0..squares).map(move |dx| [x + dx, y + dy]))
                 };
                 let all: Vec<Square> = next.iter().flat_map(parts).collect();
-                let values = self.squares(self.options.step, f64::from(rays).recip(), &all);
+                let seen = self.squares(self.options.comb, f64::from(rays).recip(), &all);
                 let mut found = Vec::with_capacity(next.len());
-                for (n, values) in next.iter().zip(values.chunks_exact((squares * squares) as usize)) {
+                for (n, seen) in next.iter().zip(seen.chunks_exact((squares * squares) as usize)) {
                     let mut sum = (0.0, 0.0);
+                    let noise = noise * seen.iter().map(|s| s.noise).sum::<f64>() / seen.len() as f64;
                     for (dx, dy) in (0..side).flat_map(|dy| (0..side).map(move |dx| (dx, dy))) {
                         let [x, y] = [at[*n][0] * side + dx, at[*n][1] * side + dy].map(|v| v as usize);
                         if x < MARGIN || y < MARGIN || x >= MARGIN + width || y >= MARGIN + height {
                             continue;
                         }
-                        let mean = mean_of(values, rays, side, [dx, dy])
+                        let mean = mean_of(seen, rays, side, [dx, dy])
                             + raster.curvature(x, y) / f64::from(24 * rays * rays);
                         let pixel = &mut image.values_mut()[(y - MARGIN) * width + x - MARGIN];
                         let square = (mean - *pixel) * (mean - *pixel);
                         *pixel = mean;
-                        sum = (sum.0 + square, sum.1 + noise * mean);
-                        finer.push(([x as u32, y as u32], square));
+                        sum = (sum.0 + square, sum.1 + noise);
+                        finer.push(([x as u32, y as u32], (square - DOUBT * noise).max(0.0)));
                     }
                     found.push(sum);
                 }
@@ -422,13 +449,22 @@ impl<'a> Rounds<'a> {
     }
 }
 
+/// Of eight sums side by side, which vector code makes.
+fn sum(values: &[f64]) -> f64 {
+    let mut sums = [0.0; 8];
+    let rows = values.chunks_exact(sums.len());
+    let rest = rows.remainder().iter().sum::<f64>();
+    rows.for_each(|row| sums.iter_mut().zip(row).for_each(|(sum, v)| *sum += v));
+    rest + sums.iter().sum::<f64>()
+}
+
 /// Mean of the rays of one pixel of a candidate of `side` pixels, with `rays` along a pixel's side.
-fn mean_of(squares: &[[f64; LANES]], rays: u32, side: u32, [dx, dy]: [u32; 2]) -> f64 {
+fn mean_of(squares: &[Seen], rays: u32, side: u32, [dx, dy]: [u32; 2]) -> f64 {
     if side > 1 {
         // A square holds 2 by 2 rays of each of 2 by 2 pixels.
         let first = (dy as usize * 2) * SIDE + dx as usize * 2;
-        let v = &squares[0];
+        let v = &squares[0].values;
         return 0.25 * ((v[first] + v[first + 1]) + (v[first + SIDE] + v[first + SIDE + 1]));
     }
-    squares.iter().flatten().sum::<f64>() / f64::from(rays * rays)
+    squares.iter().flat_map(|s| s.values).sum::<f64>() / f64::from(rays * rays)
 }

@@ -25,6 +25,9 @@ const SAMPLE: u64 = 32;
 /// Places that make a sample, where one in so many is fewer; one in four at most.
 const SAMPLED: u64 = 64;
 
+/// Places that are looked at where no rays are needed.
+const GLANCE: u64 = 16;
+
 /// Times that rays are given before what is left stays.
 const ROUNDS: usize = 8;
 
@@ -41,7 +44,12 @@ pub(super) struct Needs {
     round: usize,
     /// Errors found for those expected.
     pub ratio: f64,
+    /// Errors that were found, beyond noise.
+    taken: f64,
 }
+
+/// Share of what may be left that may stay at one distance, where finer ones follow.
+const SHARE: f64 = 0.5;
 
 impl Needs {
     pub fn new(expected: impl Iterator<Item = f64>) -> Self {
@@ -60,7 +68,7 @@ impl Needs {
                 *number += 1;
             }
         }
-        Self { errors, steps, sums, given: 0, round: 0, ratio: 1.0 }
+        Self { errors, steps, sums, given: 0, round: 0, ratio: 1.0, taken: 0.0 }
     }
 
     /// What is expected to be left at places without rays.
@@ -68,19 +76,26 @@ impl Needs {
         self.ratio * self.sums[self.given..].iter().map(|s| s.0).sum::<f64>()
     }
 
-    /// The places to be given rays next, so that at most `left` stays; none when that is expected already.
-    pub fn next(&mut self, left: f64) -> Vec<usize> {
+    /// The places to be given rays next, so that at most `left` stays, where places with rays keep a share `fall` of their errors; none when
+    /// that is expected already, but for a few at first, to see whether it is true. Where rays at all places leave more, the places without
+    /// them may keep [`SHARE`] of `left`, and the others need closer ones.
+    pub fn next(&mut self, left: f64, fall: f64) -> Vec<usize> {
+        let keep = fall * (self.taken + self.left());
+        let (left, fall) = if keep < left { (left - keep, fall) } else { (SHARE * left, 0.0) };
         // Beyond which step the rest may stay.
         let mut end = STEPS;
         let mut rest = 0.0;
-        while end > self.given && rest + self.ratio * self.sums[end - 1].0 <= left {
-            rest += self.ratio * self.sums[end - 1].0;
+        while end > self.given && rest + (1.0 - fall) * self.ratio * self.sums[end - 1].0 <= left {
+            rest += (1.0 - fall) * self.ratio * self.sums[end - 1].0;
             end -= 1;
         }
-        if self.round == ROUNDS || end <= self.given {
+        let needed = end > self.given;
+        if self.round == ROUNDS || !needed && (self.round > 0 || self.sums.iter().all(|s| s.1 == 0)) {
             return vec![];
         }
-        if self.round == 0 {
+        // Nothing was given but a glance.
+        let first = self.given == 0;
+        if needed && first {
             // A few first, to see how right the expectation is.
             let needed: usize = self.sums[..end].iter().map(|s| s.1).sum();
             let mut number = 0;
@@ -90,11 +105,12 @@ impl Needs {
             };
             end = end.min(1 + self.sums.iter().position(few).unwrap_or(end));
         }
-        let sample = self.round == 0;
-        let every = (self.steps.len() as u64 / SAMPLED).clamp(4, SAMPLE);
+        let number = self.steps.len() as u64;
+        let every = if needed { (number / SAMPLED).clamp(4, SAMPLE) } else { (number / GLANCE).max(1) };
         self.round += 1;
+        let end = if needed { end } else { 0 };
         self.given = end;
-        let wanted = |n: &usize| self.steps[*n] < end || sample && mix(*n as u64).is_multiple_of(every);
+        let wanted = |n: &usize| self.steps[*n] < end || first && mix(*n as u64).is_multiple_of(every);
         let next: Vec<usize> = (0..self.steps.len()).filter(|n| self.errors[*n].1.is_none() && wanted(n)).collect();
         // Those of the sample are no part of what is left.
         for (step, (error, _)) in next.iter().map(|n| (self.steps[*n], self.errors[*n])) {
@@ -108,8 +124,13 @@ impl Needs {
 
     /// The errors found where rays were given, and what the rays' own noise is expected to have added to each.
     pub fn found(&mut self, places: &[usize], errors: impl Iterator<Item = (f64, f64)>) {
-        places.iter().zip(errors).for_each(|(n, e)| self.errors[*n].1 = Some(e));
-        let ratio = |among: Range<usize>| {
+        let mut sums = (0.0, 0.0);
+        for (n, e) in places.iter().zip(errors) {
+            self.errors[*n].1 = Some(e);
+            sums = (sums.0 + e.0, sums.1 + e.1);
+        }
+        self.taken += (sums.0 - sums.1).max(0.0);
+        let ratio = |among: Range<usize>, fewest: usize| {
             let (mut sums, mut number) = ((0.0, 0.0, 0.0), 0);
             for ((expected, found), step) in self.errors.iter().zip(&self.steps) {
                 if let (Some((found, noise)), true) = (found, among.contains(step)) {
@@ -120,11 +141,15 @@ impl Needs {
             let (expected, found, noise) = sums;
             // At least a tenth: how much of it is noise is not known that well.
             let found = (found - noise).max(0.1 * found);
-            (number >= FEWEST && expected > 0.0).then_some(found / expected)
+            (number >= fewest && expected > 0.0).then_some(found / expected)
         };
         // The places most like those that are left, and those among them.
-        let near = ratio(self.given.saturating_sub(NEAR)..self.given).or_else(|| ratio(0..self.given));
-        let sample = ratio(self.given..STEPS + 1);
+        let near = ratio(self.given.saturating_sub(NEAR)..self.given, FEWEST);
+        let near = near.or_else(|| ratio(0..self.given, FEWEST));
+        // Small images have few places, and one of them may tell.
+        let sample = ratio(self.given..STEPS + 1, 1);
+        // A glance alone tells of surprises only.
+        let near = if self.given == 0 { Some(1.0) } else { near };
         if let Some(ratio) = near.into_iter().chain(sample).reduce(f64::max) {
             self.ratio = ratio;
         }
@@ -148,7 +173,7 @@ mod tests {
         assert!((needs.left() - whole).abs() < 1e-9 * whole);
         let mut given = vec![false; all.len()];
         loop {
-            let next = needs.next(0.1 * whole);
+            let next = needs.next(0.1 * whole, 0.0);
             if next.is_empty() {
                 break;
             }
@@ -182,7 +207,7 @@ mod tests {
             let mut needs = Needs::new(all.iter().copied());
             let mut rest = factor * whole;
             loop {
-                let next = needs.next(0.1 * whole);
+                let next = needs.next(0.1 * whole, 0.0);
                 if next.is_empty() {
                     break;
                 }
@@ -201,7 +226,7 @@ mod tests {
         let mut needs = Needs::new(expected.iter().copied());
         let mut given = 0;
         loop {
-            let next = needs.next(100.0);
+            let next = needs.next(100.0, 0.0);
             if next.is_empty() {
                 break;
             }
@@ -215,14 +240,14 @@ mod tests {
     fn noise_is_no_error_but_never_all_of_it() {
         let found = |noise: f64| {
             let mut needs = Needs::new(errors().into_iter());
-            let next = needs.next(0.0);
+            let next = needs.next(0.0, 0.0);
             let errors = errors();
             needs.found(&next, next.iter().map(|n| (errors[*n] + 1.0, noise)));
             needs.ratio
         };
         assert!((found(1.0) - 1.0).abs() < 0.01 && found(0.0) > 1.01 && found(1e9) < 0.3);
         let mut none = Needs::new(std::iter::empty());
-        assert_eq!((none.left(), none.next(0.0)), (0.0, vec![]));
-        assert_eq!(Needs::new([0.0, 0.0].into_iter()).next(0.0), Vec::<usize>::new());
+        assert_eq!((none.left(), none.next(0.0, 0.0)), (0.0, vec![]));
+        assert_eq!(Needs::new([0.0, 0.0].into_iter()).next(0.0, 0.0), Vec::<usize>::new());
     }
 }

@@ -4,12 +4,14 @@ use mcvr_volume::{SimdLevel, vectorised};
 use rayon::prelude::*;
 
 use crate::average::basis;
-use crate::packet::{LANES, SIDE, Square};
+use crate::packet::{LANES, SIDE, Seen, Square};
 
 /// Rows of values.
 pub(super) struct Raster {
     pub across: usize,
     pub values: Vec<f64>,
+    /// For every square of values, the variance of each of its rays.
+    noise: Vec<f64>,
 }
 
 /// Rows that are made together.
@@ -67,7 +69,7 @@ fn bend_of_patch_body(patch: &[[f64; PATCH]; PATCH]) -> f64 {
 
 impl Raster {
     pub fn zeros([across, down]: [usize; 2]) -> Self {
-        Self { across, values: vec![0.0; across * down] }
+        Self { across, values: vec![0.0; across * down], noise: vec![0.0; across / SIDE * (down / SIDE)] }
     }
 
     fn down(&self) -> usize {
@@ -96,6 +98,13 @@ impl Raster {
                 finer_row(level, rows, along[y % 2], along, &mut column, out);
             }
         });
+        let (stride, coarse) = (2 * across / SIDE, across / SIDE);
+        if stride > 0 {
+            for (y, row) in out.noise.chunks_exact_mut(stride).enumerate() {
+                let from = &self.noise[y / 2 * coarse..][..coarse];
+                row.chunks_exact_mut(2).zip(from).for_each(|(out, noise)| out.fill(*noise));
+            }
+        }
         out
     }
 
@@ -114,11 +123,23 @@ impl Raster {
         bend_of_patch(level, &patch)
     }
 
-    /// Sum of the 2 by 2 values of a square of half the distance.
-    pub fn sum(&self, at: Square) -> f64 {
-        let [x, y] = at.map(|v| 2 * v as usize);
-        let row = |y: usize| self.values[y * self.across + x] + self.values[y * self.across + x + 1];
-        row(y) + row(y + 1)
+    /// Variance of rays around a square of half the distance: mean over 3 by 3 squares.
+    pub fn noise_around(&self, at: Square) -> f64 {
+        let [x, y] = at.map(|v| v as usize / 2);
+        let stride = self.across / SIDE;
+        let rows = y.saturating_sub(1)..(y + 2).min(self.noise.len() / stride);
+        let columns = x.saturating_sub(1)..(x + 2).min(stride);
+        rows.map(|y| self.noise[y * stride..][columns.clone()].iter().sum::<f64>()).sum::<f64>() / 9.0
+    }
+
+    /// Multiplies all variances.
+    pub fn scale_noise(&mut self, by: f64) {
+        self.noise.iter_mut().for_each(|v| *v *= by);
+    }
+
+    /// The same of the rays at a square.
+    pub fn noise_at(&self, [x, y]: Square) -> f64 {
+        self.noise[y as usize * (self.across / SIDE) + x as usize]
     }
 
     /// Sum of the second differences along both axes; 0 at the rim.
@@ -130,8 +151,10 @@ impl Raster {
         (at(x - 1, y) + at(x + 1, y)) + (at(x, y - 1) + at(x, y + 1)) - 4.0 * at(x, y)
     }
 
-    /// Puts a square's values in place.
-    pub fn put(&mut self, at: Square, values: &[f64; LANES]) {
+    /// Puts in place what a square's rays saw.
+    pub fn put(&mut self, at: Square, Seen { values, noise }: &Seen) {
+        let stride = self.across / SIDE;
+        self.noise[at[1] as usize * stride + at[0] as usize] = *noise;
         let [x, y] = at.map(|v| SIDE * v as usize);
         for (n, row) in values.chunks_exact(SIDE).enumerate() {
             self.values[(y + n) * self.across + x..][..SIDE].copy_from_slice(row);
@@ -171,7 +194,7 @@ mod tests {
 
     fn raster(side: usize, value: impl Fn(f64, f64) -> f64) -> Raster {
         let values = (0..side * side).map(|n| value((n % side) as f64, (n / side) as f64)).collect();
-        Raster { across: side, values }
+        Raster { values, ..Raster::zeros([side; 2]) }
     }
 
     #[test]
@@ -227,9 +250,14 @@ mod tests {
         assert_eq!(all.square([1, 2])[5], 5.0 + 900.0);
         let before: f64 = all.square([1, 2]).iter().zip(values).map(|(a, b)| (a - b) * (a - b)).sum();
         assert_eq!(all.difference([1, 2], &values), before);
-        all.put([1, 2], &values);
+        all.put([1, 2], &Seen { values, noise: 18.0 });
         assert_eq!(all.square([1, 2]), values);
         assert_eq!(all.sum_of_square([1, 2]), -120.0);
-        assert_eq!(all.sum([2, 4]), -(0.0 + 1.0 + 4.0 + 5.0));
+        assert_eq!((all.noise_at([1, 2]), all.noise_at([2, 1])), (18.0, 0.0));
+        // The squares of half the distance in a square, and those beside it.
+        assert_eq!([[3, 4], [1, 7], [4, 2]].map(|at| all.noise_around(at)), [2.0; 3]);
+        assert_eq!(all.noise_around([6, 4]), 0.0);
+        let fine = all.finer();
+        assert_eq!([[2, 4], [3, 5], [4, 4]].map(|at| fine.noise_at(at)), [18.0, 18.0, 0.0]);
     }
 }

@@ -276,7 +276,6 @@ impl<'a, T: Voxel, W: Weights<T>> Corners<'a, T, W> {
     }
 
     /// Reads the cells at the border voxel by voxel.
-    #[cold]
     #[inline(never)]
     fn mend(&self, rows: &mut [Row<f32>; 8], cells: [Row<i32>; 3], lanes: u32, border: &mut Border) {
         let [nx, ny, nz] = self.dims;
@@ -285,7 +284,9 @@ impl<'a, T: Voxel, W: Weights<T>> Corners<'a, T, W> {
             let lane = left.trailing_zeros() as usize;
             left &= left - 1;
             // Negative numbers wrap to huge ones, which lie outside too.
-            let [x, y, z] = [0, 1, 2].map(|a: usize| cells[a][lane].wrapping_sub(1) as usize);
+            let x = cells[0][lane].wrapping_sub(1) as usize;
+            let y = cells[1][lane].wrapping_sub(1) as usize;
+            let z = cells[2][lane].wrapping_sub(1) as usize;
             for (n, row) in rows.iter_mut().enumerate() {
                 let (x, y, z) = (x.wrapping_add(n & 1), y.wrapping_add(n >> 1 & 1), z.wrapping_add(n >> 2 & 1));
                 row[lane] = if x < nx && y < ny && z < nz {

@@ -73,11 +73,21 @@ pub(crate) type Square = [u32; 2];
 /// Rays of a square along an axis.
 pub(crate) const SIDE: usize = 4;
 
+/// What the rays of a square saw.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Seen {
+    /// Row by row.
+    pub values: [f64; LANES],
+    /// Mean square of the differences between the sums over every other sample of a ray and its whole sum; 0 of exact rays. It is the
+    /// variance that a comb of twice the distance adds.
+    pub noise: f64,
+}
+
 /// Casts parts of an image.
 pub(crate) trait Cast {
-    /// Casts squares of rays that are `pitch` pixels apart, the first of them half of that from the image's corner; values row by row.
+    /// Casts squares of rays that are `pitch` pixels apart, the first of them half of that from the image's corner.
     /// Phases are those of the pixels of `points`, one for each ray.
-    fn squares(&self, along: Along, pitch: f64, points: &Points, squares: &[Square]) -> (Vec<[f64; LANES]>, Counters);
+    fn squares(&self, along: Along, pitch: f64, points: &Points, squares: &[Square]) -> (Vec<Seen>, Counters);
 }
 
 /// Code that looks at parts of an image.
@@ -150,7 +160,7 @@ impl<'a, 'w, T: Voxel, W: Weights<T>> Ready<'a, 'w, T, W> {
 }
 
 impl<'a, T: Voxel, W: Weights<T> + Send + 'a> Cast for Ready<'a, '_, T, W> {
-    fn squares(&self, along: Along, pitch: f64, points: &Points, squares: &[Square]) -> (Vec<[f64; LANES]>, Counters) {
+    fn squares(&self, along: Along, pitch: f64, points: &Points, squares: &[Square]) -> (Vec<Seen>, Counters) {
         let optics = self.optics(along);
         let one = |first: &Square| {
             let (x, y) = (SIDE * first[0] as usize, SIDE * first[1] as usize);
@@ -164,10 +174,10 @@ impl<'a, T: Voxel, W: Weights<T> + Send + 'a> Cast for Ready<'a, '_, T, W> {
             let places = Places::new(px, py, phases, &self.tiles);
             let mut values = [0.0; LANES];
             let work = self.cast((along, &optics), &What::Places(&places), &mut values);
-            (values, work)
+            (Seen { values, noise: work.1.turns / LANES as f64 }, work)
         };
-        let (values, work): (Vec<_>, Vec<_>) = squares.par_iter().with_min_len(8).map(one).unzip();
-        (values, self.sum(work))
+        let (seen, work): (Vec<_>, Vec<_>) = squares.par_iter().with_min_len(8).map(one).unzip();
+        (seen, self.sum(work))
     }
 }
 
@@ -369,19 +379,21 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
                 for l in used..LANES {
                     beam.from[l] = f64::INFINITY;
                 }
-                let mut sums = [0.0f64; LANES];
+                let mut sums = [[0.0f64; LANES]; 2];
                 for piece in pieces.all() {
                     // SAFETY: the caller's promise, passed on.
                     unsafe {
                         if EXACT {
-                            cells::<S, T, W, SQUARED>(self.field, &beam, *piece, &mut sums, work);
+                            cells::<S, T, W, SQUARED>(self.field, &beam, *piece, &mut sums[0], work);
                         } else {
                             comb::<S, T, W, SQUARED>(self.field, &beam, *piece, &mut sums, work);
                         }
                     }
                 }
                 for l in 0..used {
-                    out[owners[l]] += sums[l] * beam.factor[l] * (scale * share);
+                    out[owners[l]] += sums[0][l] * beam.factor[l] * (scale * share);
+                    let turns = sums[1][l] * beam.factor[l] * scale;
+                    work.turns += turns * turns;
                 }
                 n += used;
             }

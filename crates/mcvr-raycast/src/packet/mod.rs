@@ -20,6 +20,6 @@ mod weigh;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
-pub(crate) use driver::{Along, Cast, Look, Packets, Plan, SIDE, Square};
+pub(crate) use driver::{Along, Cast, Look, Packets, Plan, SIDE, Seen, Square};
 pub(crate) use lanes::LANES;
 pub(crate) use tiles::TILE;

@@ -1,7 +1,7 @@
 //! Every way to an error that is worth a thought, with what it would take.
 
 use mcvr_footprint::{FootprintOptions, Refine, footprints_in_all, predicted_error};
-use mcvr_raycast::Pilot;
+use mcvr_raycast::{Comb, Pilot};
 use mcvr_scene::{Camera, Density, Estimand, Occupancy};
 use mcvr_volume::Volume;
 
@@ -72,10 +72,10 @@ pub(super) fn adaptive_rays(volume: &Volume, pilot: &Pilot, error: f64) -> Vec<C
     let fixed = volume.bytes() as f64 * costs.occupancy + pixels * costs.pixel;
     let places = places(pilot);
     let mut all = vec![];
-    let mut add = |method, step: f64, [left, noise]: [f64; 2], each: f64| {
+    let mut add = |method, Widest { step, error: noise, power }: Widest, left: f64, each: f64| {
         let (mut rays, coarsest) = rays_for(pilot, &places, left);
         // The rays of the look are the first of the image where these need not be closer; else they are cast again.
-        let first = (method == Method::Comb && coarsest == 4 && step >= pilot.first).then_some(pilot.first);
+        let first = (method == Method::Comb && coarsest == 4 && step >= pilot.first).then_some(Comb { step: pilot.first, noise: pilot.noise });
         if first.is_some() {
             rays -= pilot.rays as f64 / pixels;
         }
@@ -83,19 +83,27 @@ pub(super) fn adaptive_rays(volume: &Volume, pilot: &Pilot, error: f64) -> Vec<C
             method,
             samples: (rays * pixels).ceil() as u64,
             step,
-            adaptive: Some(Adaptive { left, noise, coarsest, first }),
+            adaptive: Some(Adaptive { left, noise: power.map_or(pilot.noise, Comb::noise_of), coarsest, first }),
             error: left.hypot(Pilot::SMOOTHING * noise) / MARGIN,
             seconds: 1e-9 * (fixed + rays * pixels * (costs.ray + each)),
         });
     };
-    add(Method::Rays, 0.0, [wanted, 0.0], costs.cell * CELLS * pilot.steps);
+    add(Method::Rays, Widest { step: 0.0, error: 0.0, power: None }, wanted, costs.cell * CELLS * pilot.steps);
     // Where no more than the first rays are needed, all else may be noise.
     let least = SURE * pilot.left / wanted;
     let noise_alone = (least < 1.0).then_some(1.0 - least * least);
+    // Distances that were tried: their errors are known, and small where samples fit the grid.
+    for &(step, error) in &pilot.combs {
+        let power = (step != pilot.first).then_some(1.5);
+        if Pilot::SMOOTHING * error < wanted {
+            let left = (wanted * wanted - (Pilot::SMOOTHING * error).powi(2)).sqrt();
+            add(Method::Comb, Widest { step, error, power }, left, costs.step * pilot.steps / step);
+        }
+    }
     for split in SPLITS.into_iter().chain(noise_alone) {
-        if let Some((step, noise)) = widest(pilot, wanted * f64::sqrt(split) / Pilot::SMOOTHING) {
-            let left = (wanted * wanted - (Pilot::SMOOTHING * noise).powi(2)).sqrt();
-            add(Method::Comb, step, [left, noise], costs.step * pilot.steps / step);
+        if let Some(comb) = widest(pilot, wanted * f64::sqrt(split) / Pilot::SMOOTHING) {
+            let left = (wanted * wanted - (Pilot::SMOOTHING * comb.error).powi(2)).sqrt();
+            add(Method::Comb, comb, left, costs.step * pilot.steps / comb.step);
         }
     }
     all
@@ -151,22 +159,32 @@ fn rays_for(pilot: &Pilot, places: &[(f64, f64)], left: f64) -> (f64, u32) {
     (with(best), 4 >> best)
 }
 
-/// The largest distance of samples whose error is at most `most`, and its error: between the distances tried, errors rise by a
+/// A distance of samples.
+#[derive(Clone, Copy)]
+struct Widest {
+    step: f64,
+    /// The error along rays that it leaves.
+    error: f64,
+    /// The power of the distance by which errors rise there, where it is known.
+    power: Option<f64>,
+}
+
+/// The largest distance of samples whose error is at most `most`: between the distances tried, errors rise by a
 /// power; below the smallest they fall by the square, as for a field with kinks.
-fn widest(pilot: &Pilot, most: f64) -> Option<(f64, f64)> {
+fn widest(pilot: &Pilot, most: f64) -> Option<Widest> {
     let (first, least) = *pilot.combs.first()?;
     if most <= 0.0 {
         return None;
     }
     if least > most {
         let step = first * (most / least).sqrt();
-        return (step >= 0.25).then_some((step, most));
+        return (step >= 0.25).then_some(Widest { step, error: most, power: Some(2.0) });
     }
-    let mut best = (first, least);
+    let mut best = Widest { step: first, error: least, power: None };
     for pair in pilot.combs.windows(2) {
         let [(a, low), (b, high)] = [pair[0], pair[1]];
         if high <= most {
-            best = (b, high);
+            best = Widest { step: b, error: high, power: None };
             continue;
         }
         if low > 0.0 && low <= most && high > low {
@@ -176,7 +194,7 @@ fn widest(pilot: &Pilot, most: f64) -> Option<(f64, f64)> {
             if low > most {
                 break;
             }
-            best = (a * (most / low).powf(1.0 / power), most);
+            best = Widest { step: a * (most / low).powf(1.0 / power), error: most, power: Some(power) };
         }
         break;
     }

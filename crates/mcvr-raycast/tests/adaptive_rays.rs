@@ -7,8 +7,8 @@ use std::sync::atomic::AtomicBool;
 
 use common::*;
 use mcvr_raycast::{
-    AdaptiveImage, AdaptiveOptions, Comb, LookOptions, Pilot, RayOptions, RaycastError, Watch, cast_adaptive_rays, cast_rays,
-    look_and_cast,
+    AdaptiveImage, AdaptiveOptions, Comb, LookOptions, Pilot, RayOptions, RaycastError, Watch, cast_adaptive_rays,
+    cast_rays, look_and_cast,
 };
 use mcvr_scene::{Camera, Density, Estimand, Extent, Image, View};
 use mcvr_volume::Grid;
@@ -156,12 +156,7 @@ fn a_look_is_the_beginning_of_the_image() {
     let (d, grid) = balls(50);
     let camera = camera(&grid, OBLIQUE, 160, 144);
     let look = LookOptions { first: 3.0, others: &[1.5], truth: None, squares: 24, estimand: Estimand::Line, seed: 5 };
-    let options = AdaptiveOptions {
-        comb: Some(Comb::new(4.0)),
-        left: 0.01,
-        seed: 5,
-        ..AdaptiveOptions::default()
-    };
+    let options = AdaptiveOptions { comb: Some(Comb::new(4.0)), left: 0.01, seed: 5, ..AdaptiveOptions::default() };
     let kept = std::cell::RefCell::new(None);
     let first = |pilot: &Pilot| Some(Comb { step: pilot.first, noise: pilot.noise });
     // By the other comb, and for the truth.
@@ -189,7 +184,13 @@ fn a_look_is_the_beginning_of_the_image() {
     for (step, told) in &pilot.combs {
         let with = |step: Option<f64>| {
             // Nothing but the first rays.
-            cast(&d, &camera, &AdaptiveOptions { comb: step.map(Comb::new), left: 1e6, seed: 5, ..AdaptiveOptions::default() }).made.image
+            cast(
+                &d,
+                &camera,
+                &AdaptiveOptions { comb: step.map(Comb::new), left: 1e6, seed: 5, ..AdaptiveOptions::default() },
+            )
+            .made
+            .image
         };
         let noise = rmse(&with(Some(*step)), &with(None)) / Pilot::SMOOTHING;
         assert!((0.6..1.6).contains(&(told / noise)), "{step}: told {told}, is {noise}");
@@ -219,11 +220,17 @@ fn unusable_options_are_refused() {
         assert!(matches!(of(AdaptiveOptions { left, ..base }), RaycastError::Left(_)));
     }
     for noise in [-1.0, f64::NAN, f64::INFINITY] {
-        assert!(matches!(of(AdaptiveOptions { comb: Some(Comb { step: 1.0, noise }), ..base }), RaycastError::Noise(_)));
+        assert!(matches!(
+            of(AdaptiveOptions { comb: Some(Comb { step: 1.0, noise }), ..base }),
+            RaycastError::Noise(_)
+        ));
     }
     assert_eq!(of(AdaptiveOptions { coarsest: 3, ..base }), RaycastError::Coarsest(3));
     assert_eq!(of(AdaptiveOptions { comb: Some(Comb::new(0.0)), ..base }), RaycastError::Step(0.0));
-    assert_eq!(of(AdaptiveOptions { first: Some(Comb::new(-1.0)), comb: Some(Comb::new(1.0)), ..base }), RaycastError::Step(-1.0));
+    assert_eq!(
+        of(AdaptiveOptions { first: Some(Comb::new(-1.0)), comb: Some(Comb::new(1.0)), ..base }),
+        RaycastError::Step(-1.0)
+    );
     let wide = density(grid.clone(), vec![1u32; grid.len()]);
     let refused = cast_adaptive_rays(&wide, &camera, &base, &Watch::default()).unwrap_err();
     assert_eq!(refused, RaycastError::Packets);

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::time::{Duration, Instant};
 
-use mcvr_footprint::{FootprintError, FootprintOptions, Refine, footprints_with_look};
+use mcvr_footprint::{FootprintError, FootprintOptions, LookFootprints, Refine, footprints_with_look};
 use mcvr_harness::PhaseSeconds;
 use mcvr_mc::{OrderStatistics, Quicksorted, Stratified, Unsorted};
 use mcvr_qmc::{Scramble, SobolNet};
@@ -21,7 +21,7 @@ use serde::Serialize;
 use serde_json::{Value, json};
 
 use crate::Method;
-use crate::auto::{Choice, choose_and_cast};
+use crate::auto::{Already, Choice, choose_and_cast};
 
 /// What is looked at, and from where.
 #[derive(Clone, Debug)]
@@ -258,7 +258,7 @@ fn complete(
     start: Instant,
 ) -> Result<Made, MakeError> {
     let looking = Instant::now();
-    let (choice, cast_already) = match request.method {
+    let (choice, already) = match request.method {
         Method::Auto => {
             let (choice, image) = choose_and_cast(density, scenery, request, true, watch)?;
             (Some(Box::new(choice)), image)
@@ -266,11 +266,18 @@ fn complete(
         _ => (None, None),
     };
     // A look is at one view: it is no part of what is done once for a volume. Of adaptive rays it is the beginning.
-    let looked = if cast_already.is_some() { Duration::ZERO } else { looking.elapsed() };
+    let looked = match &already {
+        Some(Already::Rays(_)) => Duration::ZERO,
+        Some(Already::Footprints(made)) => looking.elapsed().saturating_sub(Duration::from_secs_f64(made.seconds)),
+        None => looking.elapsed(),
+    };
     let chosen = choice.as_ref().map_or(*request, |c| c.request(request));
-    let mut made = if let Some(image) = cast_already {
-        let before = looking.duration_since(start).as_secs_f64();
-        of_adaptive(image, *density.report(), before)
+    let (mass, before) = (*density.report(), looking.duration_since(start).as_secs_f64());
+    let mut made = if let Some(already) = already {
+        match already {
+            Already::Rays(image) => of_adaptive(image, mass, before),
+            Already::Footprints(made) => of_footprints(made, mass, before),
+        }
     } else if chosen.method.samples_volume() {
         check(&chosen)?;
         sampled(density, scenery, &chosen, watch, start + looked)?
@@ -412,18 +419,7 @@ fn cast(
     if request.method == Method::Footprint {
         let options = footprint_options(request);
         let made = footprints_with_look(density, camera, &look, &options, watch)?;
-        let (image, colour) = channels(made.channels);
-        return Ok(Made {
-            image,
-            colour,
-            seconds: phases(made.seconds),
-            mass,
-            clipped: 0.0,
-            samples: made.counters.footprints,
-            counters: json!({ "footprint": made.counters }),
-            error: None,
-            choice: None,
-        });
+        return Ok(of_footprints(made, mass, distribution));
     }
     if let Some(adaptive) = request.adaptive {
         let served = matches!(request.method, Method::Comb | Method::Rays)
@@ -481,6 +477,22 @@ fn cast(
         error: Some(made.rel_rmse_estimate),
         choice: None,
     })
+}
+
+/// What footprints made.
+fn of_footprints(made: LookFootprints, mass: mcvr_scene::MassReport, distribution: f64) -> Made {
+    let (image, colour) = channels(made.channels);
+    Made {
+        image,
+        colour,
+        seconds: PhaseSeconds { distribution, sampling: 0.0, projection: made.seconds, complete: 0.0 },
+        mass,
+        clipped: 0.0,
+        samples: made.counters.footprints,
+        counters: json!({ "footprint": made.counters }),
+        error: None,
+        choice: None,
+    }
 }
 
 /// What adaptive rays made.

@@ -423,8 +423,8 @@ impl<'a> Rounds<'a> {
                         if x < MARGIN || y < MARGIN || x >= MARGIN + width || y >= MARGIN + height {
                             continue;
                         }
-                        let mean = mean_of(seen, rays, side, [dx, dy])
-                            + raster.curvature(x, y) / f64::from(24 * rays * rays);
+                        let mean =
+                            mean_of(seen, rays, side, [dx, dy]) + raster.curvature(x, y) / f64::from(24 * rays * rays);
                         let pixel = &mut image.values_mut()[(y - MARGIN) * width + x - MARGIN];
                         let square = (mean - *pixel) * (mean - *pixel);
                         *pixel = mean;

@@ -2,7 +2,8 @@
 
 use mcvr_volume::Volume;
 
-/// Nanoseconds of one thread, calibrated once on a processor of 2023 with AVX-512. Only ratios matter to a choice.
+/// Nanoseconds of one thread, calibrated on processors of 2023 and 2024 with AVX-512 of two makers, between which they lie where these
+/// differ (gathers by up to twice). Only ratios matter to a choice.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Costs {
     /// A ray: its start, and its share of the tiles' bookkeeping.
@@ -41,8 +42,8 @@ impl Costs {
             cell: 2.6 + 0.25 * far,
             sample: 5.0 + 0.4 * far,
             tables: 1.5e6,
-            footprint: 4.0,
-            add: 0.8,
+            footprint: 2.8,
+            add: 0.55,
             visit: 0.5,
             occupancy: 0.1,
             distribution: 0.25,

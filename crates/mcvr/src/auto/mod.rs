@@ -3,18 +3,21 @@
 //! [`choose`] casts the first rays of an image, one for 4 by 4 pixels, and compares some of them with finer ones ([`Pilot`]), so that it knows how
 //! the scan's depth and the pixels' areas resist rays. It compares what every candidate would take for the error that is asked for by a
 //! cost model in nanoseconds. Work is counted, never timed: the choice is the same on every machine and for any number of threads. An
-//! image of adaptive rays goes on from those of the look.
+//! image of adaptive rays goes on from those of the look. Footprints whose error is not known well enough, but which would take far less
+//! time, are made and checked on some of their pixels.
 
 mod candidates;
 mod costs;
 
 use std::cell::RefCell;
 
-use mcvr_raycast::{AdaptiveImage, LookOptions, Pilot, look_and_cast};
+use mcvr_footprint::{LookFootprints, footprints_with_look};
+use mcvr_raycast::{AdaptiveImage, LookOptions, Pilot, SpotCheck, look_and_cast, spot_check};
 use mcvr_refine::Goal;
-use mcvr_scene::{Density, Kernel, Watch};
+use mcvr_scene::{Density, Kernel, Look, Watch};
 use serde::Serialize;
 
+use crate::make::footprint_options;
 use crate::{Adaptive, MakeError, Method, Request, Scenery};
 use costs::Costs;
 
@@ -46,8 +49,18 @@ pub struct Choice {
     pub runners_up: Vec<Candidate>,
     /// What was looked at; `None` where rays are not cast in packets.
     pub pilot: Option<Pilot>,
+    /// What footprints were found to err that were made on trial; chosen where that is little enough.
+    pub checked: Option<SpotCheck>,
     /// Whether the chosen one is expected to reach the error.
     pub reaches: bool,
+}
+
+/// An image that was made on the way to a choice.
+pub(crate) enum Already {
+    /// By adaptive rays that went on from the look.
+    Rays(AdaptiveImage),
+    /// By footprints that passed their check.
+    Footprints(LookFootprints),
 }
 
 /// Voxels along the side of a volume for which the first rays' distances are meant; they fall with the root of smaller ones.
@@ -77,40 +90,50 @@ pub fn choose(density: &Density, scenery: &Scenery, request: &Request, watch: &W
     Ok(choose_and_cast(density, scenery, request, false, watch)?.0)
 }
 
-/// The same; adaptive rays are cast at once, when they are chosen and `cast` says so.
+/// The same, with the image where it was made on the way; adaptive rays are cast at once, when they are chosen and `cast` says so.
 pub(crate) fn choose_and_cast(
     density: &Density,
     scenery: &Scenery,
     request: &Request,
     cast: bool,
     watch: &Watch<'_>,
-) -> Result<(Choice, Option<AdaptiveImage>), MakeError> {
+) -> Result<(Choice, Option<Already>), MakeError> {
     Goal { error: Some(request.error), ..Goal::default() }.check()?;
     let (camera, target) = (&scenery.camera, request.error);
     let effects = scenery.effects.look(density.volume().grid(), camera)?;
     let plain = effects.is_plain() && request.kernel == Kernel::Tent;
     let others = candidates::without_look(density, camera, request.estimand, plain, target);
     let options = look(density, request);
-    // Where footprints are done before the first rays would be, there is nothing to look for.
+    // Where footprints are done before rays could be, there is nothing to look for.
     let sooner =
-        |c: &Candidate| reaches(c, target) && c.seconds < candidates::first_rays(density, camera, options.first);
+        |c: &Candidate| reaches(c, target) && c.seconds < candidates::least(density, camera, options.first, target);
     if !plain || others.iter().any(sooner) {
         return Ok((best(others, target, None), None));
     }
-    let choice = RefCell::new(None);
+    let (choice, trial) = (RefCell::new(None), RefCell::new(None));
     let judge = |pilot: &Pilot| {
         let mut all = others.clone();
         all.extend(candidates::adaptive_rays(density.volume(), pilot, target));
         let made = best(all, target, Some(pilot.clone()));
-        let adaptive = made.chosen.adaptive.filter(|_| cast);
+        if !effects.is_coloured() {
+            let worth = candidates::worth_a_trial(density.volume(), pilot, &others, &made.chosen, target);
+            *trial.borrow_mut() = worth.cloned();
+        }
+        let adaptive = made.chosen.adaptive.filter(|_| cast && trial.borrow().is_none());
         let options = adaptive.map(|a| a.options(&made.request(request)));
         *choice.borrow_mut() = Some(made);
         options
     };
     let looked = look_and_cast(density, camera, &options, &judge, watch)?;
-    let image = looked.and_then(|(_, image)| image);
-    let without = || best(others.clone(), target, None);
-    Ok((choice.take().unwrap_or_else(without), image))
+    let image = looked.and_then(|(_, image)| image).map(Already::Rays);
+    let mut choice = choice.take().unwrap_or_else(|| best(others, target, None));
+    match trial.take() {
+        None => Ok((choice, image)),
+        Some(candidate) => {
+            let image = choice.try_footprints(candidate, (density, scenery, &effects), request, watch)?;
+            Ok((choice, image.map(Already::Footprints)))
+        }
+    }
 }
 
 /// Whether a candidate is expected to reach an error; settings between those tried are solved for the error itself, but for rounding.
@@ -131,10 +154,36 @@ fn best(mut all: Vec<Candidate>, target: f64, pilot: Option<Pilot>) -> Choice {
             runners_up.push(c);
         }
     }
-    Choice { target, reaches: reaching.is_some(), chosen, runners_up, pilot }
+    Choice { target, reaches: reaching.is_some(), chosen, runners_up, pilot, checked: None }
 }
 
 impl Choice {
+    /// Makes footprints and checks some of their pixels: chosen when they err little enough.
+    fn try_footprints(
+        &mut self,
+        candidate: Candidate,
+        (density, scenery, look): (&Density, &Scenery, &Look),
+        request: &Request,
+        watch: &Watch<'_>,
+    ) -> Result<Option<LookFootprints>, MakeError> {
+        let of = Self { chosen: candidate.clone(), ..self.clone() }.request(request);
+        // They may be made in vain, and what is made after them has the same rows again.
+        let quiet = Watch { progress: None, ..*watch };
+        let made = footprints_with_look(density, &scenery.camera, look, &footprint_options(&of), &quiet)?;
+        let (estimand, seed) = (request.estimand, request.seed);
+        let checked =
+            spot_check(density, &scenery.camera, estimand, &made.channels[0], candidates::CHECKED, seed, &quiet)?;
+        self.checked = checked;
+        let Some(check) = checked.filter(|c| c.error <= candidates::PASSES * self.target) else { return Ok(None) };
+        let chosen = Candidate { error: check.error, ..candidate };
+        let second = std::mem::replace(&mut self.chosen, chosen);
+        self.runners_up.retain(|c| c.method != Method::Footprint);
+        self.runners_up.insert(0, second);
+        self.reaches = true;
+        watch.advance(scenery.camera.extent().height as u64);
+        Ok(Some(made))
+    }
+
     /// The request that makes the chosen image.
     pub fn request(&self, request: &Request) -> Request {
         let Candidate { method, samples, step, adaptive, .. } = self.chosen;

@@ -55,5 +55,8 @@ pub fn table(choice: &Choice) -> String {
             out += "  without a look: footprints are done before it, or rays are cast in packets only for plain X-rays of tent\n"
         }
     }
+    if let Some(check) = &choice.checked {
+        out += &format!("  footprints were made on trial: {} off at {} pixels\n", percent(check.error), check.pixels);
+    }
     out
 }

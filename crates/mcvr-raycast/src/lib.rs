@@ -53,7 +53,9 @@ mod spot_check;
 mod view;
 mod walk;
 
-pub use adaptive_rays::{AdaptiveImage, AdaptiveOptions, Comb, LookOptions, Pilot, cast_adaptive_rays, look_and_cast};
+pub use adaptive_rays::{
+    AdaptiveImage, AdaptiveOptions, Comb, LookOptions, Pilot, Tried, cast_adaptive_rays, look_and_cast,
+};
 pub use counters::Counters;
 pub use effects::{LookReference, reference_with_look};
 pub use error::RaycastError;

@@ -7,8 +7,8 @@ use std::sync::atomic::AtomicBool;
 
 use common::*;
 use mcvr_raycast::{
-    AdaptiveImage, AdaptiveOptions, Comb, LookOptions, Pilot, RayOptions, RaycastError, Watch, cast_adaptive_rays,
-    cast_rays, look_and_cast,
+    AdaptiveImage, AdaptiveOptions, Comb, LookOptions, Pilot, RayOptions, RaycastError, Tried, Watch,
+    cast_adaptive_rays, cast_rays, look_and_cast,
 };
 use mcvr_scene::{Camera, Density, Estimand, Extent, Image, View};
 use mcvr_volume::Grid;
@@ -155,13 +155,20 @@ fn combs_add_noise_without_bias() {
 fn a_look_is_the_beginning_of_the_image() {
     let (d, grid) = balls(50);
     let camera = camera(&grid, OBLIQUE, 160, 144);
-    let look = LookOptions { first: 3.0, others: &[1.5], truth: None, squares: 24, estimand: Estimand::Line, seed: 5 };
+    let look = LookOptions {
+        wanted: 0.02,
+        first: Comb::new(3.0),
+        others: &[0.5],
+        truth: None,
+        squares: 24,
+        estimand: Estimand::Line,
+        seed: 5,
+    };
     let options = AdaptiveOptions { comb: Some(Comb::new(4.0)), left: 0.01, seed: 5, ..AdaptiveOptions::default() };
     let kept = std::cell::RefCell::new(None);
-    let first = |pilot: &Pilot| Some(Comb { step: pilot.first, noise: pilot.noise });
-    // By the other comb, and for the truth.
-    let looked = |pilot: &Pilot| 2 * pilot.looked_at;
-    let goes_on = |pilot: &Pilot| AdaptiveOptions { first: first(pilot), ..options };
+    // By the other comb, and for the truth; and at first 16 squares, for the distance.
+    let looked = |pilot: &Pilot| 2 * pilot.looked_at + 256;
+    let goes_on = |pilot: &Pilot| AdaptiveOptions { first: Some(pilot.first), ..options };
     let begins_again = |_: &Pilot| AdaptiveOptions { first: None, ..options };
     let closer = |pilot: &Pilot| AdaptiveOptions { coarsest: 1, ..goes_on(pilot) };
     for (chosen, anew) in [(&goes_on as &dyn Fn(&Pilot) -> _, 0), (&begins_again, 1), (&closer, 1)] {
@@ -179,9 +186,12 @@ fn a_look_is_the_beginning_of_the_image() {
     }
     let (pilot, image) = look_and_cast(&d, &camera, &look, &|_| None, &Watch::default()).unwrap().unwrap();
     assert_eq!(image, None);
-    assert_eq!(pilot.combs.iter().map(|c| c.0).collect::<Vec<_>>(), [1.5, 3.0]);
+    assert_eq!(pilot.combs.iter().map(|c| c.comb.step).collect::<Vec<_>>(), [0.5 * pilot.first.step, pilot.first.step]);
+    // The first rays err about as wanted; less in a field as smooth as this, where what twice the distance adds is most of it.
+    let at_first = pilot.combs[1].error;
+    assert!((0.2..1.5).contains(&(at_first / look.wanted)), "{at_first} for {}", look.wanted);
     // The errors it tells are those of whole images of one ray for 4 by 4 pixels.
-    for (step, told) in &pilot.combs {
+    for Tried { comb: Comb { step, .. }, error: told } in &pilot.combs {
         let with = |step: Option<f64>| {
             // Nothing but the first rays.
             cast(

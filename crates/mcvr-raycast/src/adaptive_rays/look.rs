@@ -11,18 +11,20 @@ use serde::Serialize;
 use super::raster::Raster;
 use super::{AdaptiveImage, AdaptiveOptions, Comb, Rounds, Scene, finished, wide};
 use crate::draw::draw;
-use crate::packet::{Cast, LANES, Look, Packets, Square};
+use crate::packet::{Cast, LANES, Look, Packets, Seen, Square};
 use crate::points::Points;
 use crate::{Counters, RaycastError};
 
 /// How to look.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LookOptions<'a> {
-    /// Distance between samples of the first rays, one for 4 by 4 pixels, in units of the smallest voxel spacing.
-    pub first: f64,
-    /// Other distances whose errors are to be told.
+    /// The error that single rays should have, RMSE over the mean pixel: the first rays' distance is set for it.
+    pub wanted: f64,
+    /// A comb to begin with, and the noise that it usually has: the first rays' distance lies within [`LookOptions::RANGE`] of its own.
+    pub first: Comb,
+    /// Other distances whose errors are to be told, in units of the first rays'.
     pub others: &'a [f64],
-    /// The distance whose sums are taken for true; `None` for exact rays.
+    /// The distance whose sums are taken for true, in units of the first rays'; `None` for exact rays.
     pub truth: Option<f64>,
     /// Squares of 4 by 4 first rays on which distances are compared.
     pub squares: usize,
@@ -32,11 +34,28 @@ pub struct LookOptions<'a> {
     pub seed: u64,
 }
 
+impl LookOptions<'_> {
+    /// Least and greatest distance between samples of the first rays, in units of what they begin with.
+    pub const RANGE: [f64; 2] = [0.3, 1.5];
+}
+
+/// Squares of 16 rays by which the first rays' distance is set.
+const GLANCE: usize = 16;
+
+/// A comb, and the error along single rays that it leaves.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Tried {
+    /// Samples, and how noisy they are.
+    pub comb: Comb,
+    /// RMSE over the mean pixel.
+    pub error: f64,
+}
+
 /// What a look found out. Errors are RMSE over the whole image, as shares of its mean pixel.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Pilot {
-    /// Distance between samples of the first rays.
-    pub first: f64,
+    /// Samples of the first rays.
+    pub first: Comb,
     /// First rays that can meet density, one for 4 by 4 pixels.
     pub rays: u64,
     /// First rays on which distances were compared.
@@ -50,10 +69,8 @@ pub struct Pilot {
     /// The squared errors that are expected of it in squares of 8 by 8 pixels, which add up to the square of `left`.
     #[serde(skip)]
     pub lefts: Vec<f64>,
-    /// Distance of a comb's samples in units of the smallest voxel spacing, and the error along single rays that it leaves.
-    pub combs: Vec<(f64, f64)>,
-    /// Variance of the first rays as a share of what twice the distance would add: [`Comb::noise`].
-    pub noise: f64,
+    /// The combs that were tried, that of the first rays among them, closest first.
+    pub combs: Vec<Tried>,
     /// Samples at a distance of 1 a ray that can meet density.
     pub steps: f64,
     /// Work of the look, the first rays included.
@@ -74,9 +91,12 @@ pub fn look_and_cast(
     watch: &Watch,
 ) -> Result<Option<(Pilot, Option<AdaptiveImage>)>, RaycastError> {
     let start = Instant::now();
-    let LookOptions { first, estimand, seed, .. } = *options;
+    let LookOptions { wanted, first, estimand, seed, .. } = *options;
+    if !(wanted > 0.0 && wanted.is_finite()) {
+        return Err(RaycastError::Left(wanted));
+    }
     // What rays see by turns stays as it is until the noise is known.
-    let comb = Some(Comb { step: first, noise: 1.0 });
+    let comb = Some(Comb { noise: 1.0, ..first });
     let of_first = AdaptiveOptions { comb, estimand, seed, ..AdaptiveOptions::default() };
     of_first.check(density)?;
     let wide = wide(camera)?;
@@ -108,18 +128,23 @@ impl Look for Looking<'_> {
 
     fn run(self, full: &[(usize, usize)], cast: &dyn Cast) -> Self::Out {
         let mut rounds = Rounds::new(self.of_first, self.scene, cast);
-        let (mut raster, squares) = rounds.first(full);
-        let (pilot, expected) = self.pilot(&mut rounds, &mut raster, &squares);
+        let squares = rounds.places(full);
+        let step = self.glance(&mut rounds, &squares);
+        rounds.options.comb = Some(Comb { step, noise: 1.0 });
+        let before = rounds.counters;
+        let mut raster = rounds.first(&squares);
+        let (pilot, expected) = self.pilot(&mut rounds, (step, before), &mut raster, &squares);
         let Some(options) = (self.judge)(&pilot) else { return Ok((pilot, None)) };
         options.check(self.density)?;
-        let first = Some(Comb { step: pilot.first, noise: pilot.noise });
+        let first = Some(pilot.first);
         let same = (options.coarsest, options.first.or(options.comb), options.estimand, options.seed)
             == (self.of_first.coarsest, first, self.of_first.estimand, self.of_first.seed);
         let made = if same {
             Rounds { options, ..rounds }.rest(raster, squares, Some(expected))
         } else {
             let mut rounds = Rounds { options, rays: vec![], ..rounds };
-            let (raster, squares) = rounds.first(full);
+            let squares = rounds.places(full);
+            let raster = rounds.first(&squares);
             rounds.rest(raster, squares, None)
         };
         Ok((pilot, Some(made)))
@@ -127,10 +152,40 @@ impl Look for Looking<'_> {
 }
 
 impl Looking<'_> {
-    fn pilot(&self, rounds: &mut Rounds<'_>, raster: &mut Raster, squares: &[Square]) -> (Pilot, Vec<f64>) {
-        let LookOptions { first, others, truth, squares: number, seed, .. } = *self.options;
-        let rays = rounds.counters.rays;
-        let steps = rounds.counters.evaluations as f64 * first / rays.max(1) as f64;
+    /// The distance at which single rays are expected to err as wanted, by what a few of them see by turns.
+    fn glance(&self, rounds: &mut Rounds<'_>, squares: &[Square]) -> f64 {
+        let LookOptions { wanted, first, seed, .. } = *self.options;
+        if squares.is_empty() {
+            return first.step;
+        }
+        let mut random = Pcg64Dxsm::new(u128::from(seed), 0x676c_616e);
+        let shares = vec![1.0 / squares.len() as f64; squares.len()];
+        let (chosen, _) = draw(&shares, GLANCE.min(squares.len()), random.random());
+        let at: Vec<Square> = chosen.iter().map(|n| squares[*n]).collect();
+        let points = Points::new(1, false, true, seed.wrapping_add(1 << 48));
+        let (seen, work) = rounds.cast.squares(rounds.scene.along(self.of_first.comb), 4.0, &points, &at);
+        rounds.counters += work;
+        let mean = seen.iter().flat_map(|s| s.values).sum::<f64>() / (LANES * seen.len()) as f64;
+        let noise = first.noise * seen.iter().map(|s| s.noise).sum::<f64>() / seen.len() as f64;
+        // Of the whole image, dark places included.
+        let lit = squares.len() as f64 * (4 * 4 * LANES) as f64 / self.scene.extent.pixels() as f64;
+        let error = (noise / lit).sqrt() / mean;
+        let [least, most] = LookOptions::RANGE;
+        // Nothing seen, or nothing that differs.
+        let by = if error > 0.0 && error.is_finite() { (wanted / error).sqrt() } else { 1.0 };
+        first.step * by.clamp(least, most)
+    }
+
+    fn pilot(
+        &self,
+        rounds: &mut Rounds<'_>,
+        (first, before): (f64, Counters),
+        raster: &mut Raster,
+        squares: &[Square],
+    ) -> (Pilot, Vec<f64>) {
+        let LookOptions { others, truth, squares: most, seed, .. } = *self.options;
+        let number = rounds.counters.rays - before.rays;
+        let steps = (rounds.counters.evaluations - before.evaluations) as f64 * first / number.max(1) as f64;
         // More where it is bright: noise rises with what a ray meets.
         let brightness: Vec<f64> = squares.iter().map(|at| raster.sum_of_square(*at).max(0.0)).collect();
         let whole = brightness.iter().sum::<f64>();
@@ -138,54 +193,56 @@ impl Looking<'_> {
         let shares: Vec<f64> =
             brightness.iter().map(|b| if whole > 0.0 { 0.2 * even + 0.8 * b / whole } else { even }).collect();
         let mut random = Pcg64Dxsm::new(u128::from(seed), 0x7069_6c6f);
-        let (chosen, weights) = draw(&shares, number.min(squares.len()), random.random());
+        let (chosen, weights) = draw(&shares, most.min(squares.len()), random.random());
         let at: Vec<Square> = chosen.iter().map(|n| squares[*n]).collect();
-        let mut values = |step: Option<f64>, n: u64| -> Vec<[f64; LANES]> {
+        let mut rays = |step: Option<f64>, n: u64| -> Vec<Seen> {
             let along = rounds.scene.along(step.map(Comb::new));
             let points = Points::new(1, false, step.is_some(), seed.wrapping_add(n << 32));
             let (seen, work) = rounds.cast.squares(along, 4.0, &points, &at);
             rounds.counters += work;
-            seen.iter().map(|s| s.values).collect()
+            seen
         };
-        let truth = values(truth, 1);
+        let truth = rays(truth.map(|d| first * d), 1);
         let pixels = self.scene.extent.pixels() as f64;
         // A square's share of the image: those at its rim are taken for whole.
         let area = (4 * 4 * LANES) as f64 / pixels;
         let unit = rounds.mean * rounds.mean;
-        // What rays saw by turns is known at all squares: those that were drawn stand for more, or less.
-        let turns = |at: &Square| raster.noise_at(*at);
-        let (all, drawn) =
-            (squares.iter().map(turns).sum::<f64>(), at.iter().zip(&weights).map(|(at, w)| w * turns(at)));
-        let drawn = drawn.sum::<f64>();
+        let own: Vec<Seen> =
+            at.iter().map(|at| Seen { values: raster.square(*at), noise: raster.noise_at(*at) }).collect();
+        let turns = |seen: &[Seen]| seen.iter().zip(&weights).map(|(s, w)| w * s.noise).sum::<f64>();
+        // What the first rays saw by turns is known at all squares: those that were drawn stand for more, or less.
+        let (all, drawn) = (squares.iter().map(|at| raster.noise_at(*at)).sum::<f64>(), turns(&own));
         let area = if drawn > 0.0 { area * all / drawn } else { area };
-        let error = |values: &[[f64; LANES]]| {
-            let square = |(v, t): (&[f64; LANES], &[f64; LANES])| {
-                v.iter().zip(t).map(|(v, t)| (v - t) * (v - t)).sum::<f64>() / LANES as f64
+        let tried = |step: f64, seen: &[Seen]| {
+            let square = |(s, t): (&Seen, &Seen)| {
+                s.values.iter().zip(t.values).map(|(v, t)| (v - t) * (v - t)).sum::<f64>() / LANES as f64
             };
-            let sum = values.iter().zip(&truth).zip(&weights).map(|(v, w)| w * square(v)).sum::<f64>();
-            if unit > 0.0 { (area * sum / unit).sqrt() } else { 0.0 }
+            let sum = seen.iter().zip(&truth).zip(&weights).map(|(v, w)| w * square(v)).sum::<f64>();
+            let turns = turns(seen);
+            let noise = if turns > 0.0 { sum / turns } else { 0.0 };
+            let error = if unit > 0.0 { (area * sum / unit).sqrt() } else { 0.0 };
+            Tried { comb: Comb { step, noise }, error }
         };
-        let own: Vec<[f64; LANES]> = at.iter().map(|at| raster.square(*at)).collect();
-        let mut combs = vec![(first, error(&own))];
-        combs.extend(others.iter().enumerate().map(|(n, d)| (*d, error(&values(Some(*d), n as u64 + 2)))));
-        combs.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let of_first = tried(first, &own);
+        let others = others.iter().map(|d| first * d).enumerate();
+        let mut combs: Vec<Tried> = others.map(|(n, d)| tried(d, &rays(Some(d), n as u64 + 2))).collect();
+        combs.push(of_first);
+        combs.sort_by(|a, b| a.comb.step.total_cmp(&b.comb.step));
         // What the first rays' noise looks like is no error between them.
-        let noise = if all > 0.0 { error(&own).powi(2) * unit * pixels / ((4 * 4 * LANES) as f64 * all) } else { 0.0 };
-        raster.scale_noise(noise);
+        raster.scale_noise(of_first.comb.noise);
         let candidates = rounds.children(squares, 8);
         let expected = rounds.expected(&*raster, &candidates, 4);
         let all = rounds.unit();
         let lefts: Vec<f64> = expected.iter().map(|e| if all > 0.0 { e / all } else { 0.0 }).collect();
         let pilot = Pilot {
-            first,
-            rays,
+            first: of_first.comb,
+            rays: number,
             looked_at: (at.len() * LANES) as u64,
             pixels: pixels as u64,
             mean: rounds.mean,
             left: lefts.iter().sum::<f64>().sqrt(),
             lefts,
             combs,
-            noise,
             steps,
             counters: rounds.counters,
         };

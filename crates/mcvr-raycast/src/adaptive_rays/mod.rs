@@ -23,7 +23,7 @@ use crate::average::{self, Rays};
 use crate::packet::{Along, Cast, LANES, Look, Packets, SIDE, Seen, Square, TILE};
 use crate::points::Points;
 use crate::{Counters, MarchImage, MarchOptions, RayOptions, RaycastError};
-pub use look::{LookOptions, Pilot, look_and_cast};
+pub use look::{LookOptions, Pilot, Tried, look_and_cast};
 use needs::Needs;
 use raster::Raster;
 
@@ -215,7 +215,8 @@ impl Look for Spread<'_> {
 
     fn run(self, full: &[(usize, usize)], cast: &dyn Cast) -> AdaptiveImage {
         let mut rounds = Rounds::new(*self.options, self.scene, cast);
-        let (raster, squares) = rounds.first(full);
+        let squares = rounds.places(full);
+        let raster = rounds.first(&squares);
         rounds.rest(raster, squares, None)
     }
 }
@@ -299,7 +300,7 @@ impl<'a> Rounds<'a> {
     }
 
     /// All squares at the widest distance that meet a tile with density.
-    fn first(&mut self, full: &[(usize, usize)]) -> (Raster, Vec<Square>) {
+    fn places(&self, full: &[(usize, usize)]) -> Vec<Square> {
         let Extent { width, height } = self.scene.extent;
         let pitch = self.options.coarsest as usize;
         let [across, down] = [width, height].map(region);
@@ -310,13 +311,20 @@ impl<'a> Rounds<'a> {
         let tiles = |n: u32| n as usize * side / TILE..((n as usize + 1) * side).div_ceil(TILE);
         let meets = |at: &Square| tiles(at[1]).any(|y| tiles(at[0]).any(|x| lit[y * stride + x]));
         let all = (0..(down / side) as u32).flat_map(|y| (0..(across / side) as u32).map(move |x| [x, y]));
-        let squares: Vec<Square> = all.filter(meets).collect();
-        let seen = self.squares(self.options.first.or(self.options.comb), pitch as f64, &squares);
+        all.filter(meets).collect()
+    }
+
+    /// The first rays.
+    fn first(&mut self, squares: &[Square]) -> Raster {
+        let Extent { width, height } = self.scene.extent;
+        let pitch = self.options.coarsest as usize;
+        let [across, down] = [width, height].map(region);
+        let seen = self.squares(self.options.first.or(self.options.comb), pitch as f64, squares);
         let mut raster = Raster::zeros([across / pitch, down / pitch]);
         squares.iter().zip(&seen).for_each(|(at, seen)| raster.put(*at, seen));
 
         self.mean = self.mean_of(&raster, pitch);
-        (raster, squares)
+        raster
     }
 
     /// All rays but the first, and the image. `expected` is what closer rays are expected to gain, where that is known already.

@@ -1,7 +1,9 @@
 //! Every way to an error that is worth a thought, with what it would take.
 
+use std::cmp::Ordering;
+
 use mcvr_footprint::{FootprintOptions, Refine, footprints_in_all, predicted_error};
-use mcvr_raycast::{Comb, Pilot};
+use mcvr_raycast::{Comb, Pilot, Tried};
 use mcvr_scene::{Camera, Density, Estimand, Occupancy};
 use mcvr_volume::Volume;
 
@@ -17,6 +19,9 @@ const PARTS: u32 = 3;
 
 /// Rays a pixel at each distance of adaptive rays, from a ray for 4 by 4 pixels to 2 by 2 in a pixel.
 const RAYS: [f64; 4] = [1.0 / 16.0, 1.0 / 4.0, 1.0, 4.0];
+
+/// These distances, in pixels.
+const PITCH: [f64; 4] = [4.0, 2.0, 1.0, 0.5];
 
 /// Squared error that is left at these distances, as a share of that at the first: 1/6 to 1/23 at half the distance on scans, then 1/50 to
 /// 1/400 of that.
@@ -79,7 +84,7 @@ pub(super) fn worth_a_trial<'a>(
 ) -> Option<&'a Candidate> {
     let costs = Costs::of(volume);
     let rays = (64 * CHECKED) as f64;
-    let check = 1e-9 * rays * (costs.ray + costs.cell * CELLS * pilot.steps);
+    let check = 1e-9 * rays * (costs.ray + costs.of_rays(costs.cell, 0.0) * CELLS * pilot.steps);
     let worth = |c: &&Candidate| {
         let likely = HOPE * target / c.error;
         c.method == Method::Footprint && c.error > target && c.seconds + check < likely * chosen.seconds
@@ -97,48 +102,49 @@ pub(super) fn least(density: &Density, camera: &Camera, first: f64, error: f64) 
     let samples = grid.diameter() / (3.0 * first * grid.spacing().min_element());
     // What the first rays are to all: a sixth to a fortieth of the way for 0.3 % on phantoms, and half or all of it for 10 %.
     let all = (0.018 / error).clamp(1.0, 6.0);
-    1e-9 * all * RAYS[0] * camera.extent().pixels() as f64 * (costs.ray + costs.step * samples)
+    let step = costs.of_rays(costs.step, PITCH[0] / Voxel::of(density, camera).side());
+    1e-9 * all * RAYS[0] * camera.extent().pixels() as f64 * (costs.ray + step * samples)
 }
 
 /// Adaptive rays that are expected to leave an error, exact ones and combs of several distances.
-pub(super) fn adaptive_rays(volume: &Volume, pilot: &Pilot, error: f64) -> Vec<Candidate> {
+pub(super) fn adaptive_rays(density: &Density, camera: &Camera, pilot: &Pilot, error: f64) -> Vec<Candidate> {
+    let (volume, side) = (density.volume(), Voxel::of(density, camera).side());
     let (costs, wanted, pixels) = (Costs::of(volume), MARGIN * error, pilot.pixels as f64);
     let fixed = volume.bytes() as f64 * costs.occupancy + pixels * costs.pixel;
     let places = places(pilot);
     let mut all = vec![];
-    let mut add = |method, Widest { step, error: noise, power }: Widest, left: f64, each: f64| {
+    let mut add = |method, Tried { comb: Comb { step, noise }, error: along }: Tried, left: f64| {
         let (mut rays, coarsest) = rays_for(pilot, &places, left);
         // The rays of the look are the first of the image where these need not be closer; else they are cast again.
-        let first = (method == Method::Comb && coarsest == 4 && step >= pilot.first)
-            .then_some(Comb { step: pilot.first, noise: pilot.noise });
+        let first = (method == Method::Comb && coarsest == 4 && step >= pilot.first.step).then_some(pilot.first);
         if first.is_some() {
-            rays -= pilot.rays as f64 / pixels;
+            rays[0] -= pilot.rays as f64 / pixels;
         }
+        let (near, number) =
+            if method == Method::Rays { (costs.cell, CELLS * pilot.steps) } else { (costs.step, pilot.steps / step) };
+        let each = |n: usize| costs.ray + THICK * number * costs.of_rays(near, PITCH[n] / side);
+        let seconds = (0..RAYS.len()).map(|n| rays[n] * each(n)).sum::<f64>();
         all.push(Candidate {
             method,
-            samples: (rays * pixels).ceil() as u64,
+            samples: (rays.iter().sum::<f64>() * pixels).ceil() as u64,
             step,
-            adaptive: Some(Adaptive { left, noise: power.map_or(pilot.noise, Comb::noise_of), coarsest, first }),
-            error: left.hypot(Pilot::SMOOTHING * noise) / MARGIN,
-            seconds: 1e-9 * (fixed + rays * pixels * (costs.ray + THICK * each)),
+            adaptive: Some(Adaptive { left, noise, coarsest, first }),
+            error: left.hypot(Pilot::SMOOTHING * along) / MARGIN,
+            seconds: 1e-9 * (fixed + pixels * seconds),
         });
     };
-    add(Method::Rays, Widest { step: 0.0, error: 0.0, power: None }, wanted, costs.cell * CELLS * pilot.steps);
+    let exact = Tried { comb: Comb { step: 0.0, noise: 0.0 }, error: 0.0 };
+    add(Method::Rays, exact, wanted);
     // Where no more than the first rays are needed, all else may be noise.
     let least = SURE * pilot.left / wanted;
     let noise_alone = (least < 1.0).then_some(1.0 - least * least);
-    // Distances that were tried: their errors are known, and small where samples fit the grid.
-    for &(step, error) in &pilot.combs {
-        let power = (step != pilot.first).then_some(1.5);
-        if Pilot::SMOOTHING * error < wanted {
-            let left = (wanted * wanted - (Pilot::SMOOTHING * error).powi(2)).sqrt();
-            add(Method::Comb, Widest { step, error, power }, left, costs.step * pilot.steps / step);
-        }
-    }
-    for split in SPLITS.into_iter().chain(noise_alone) {
-        if let Some(comb) = widest(pilot, wanted * f64::sqrt(split) / Pilot::SMOOTHING) {
-            let left = (wanted * wanted - (Pilot::SMOOTHING * comb.error).powi(2)).sqrt();
-            add(Method::Comb, comb, left, costs.step * pilot.steps / comb.step);
+    let splits = SPLITS.into_iter().chain(noise_alone);
+    let between = splits.filter_map(|split| widest(pilot, wanted * split.sqrt() / Pilot::SMOOTHING));
+    // Errors at distances that were tried are known, and small where samples fit the grid.
+    for tried in pilot.combs.iter().copied().chain(between) {
+        let left = (wanted * wanted - (Pilot::SMOOTHING * tried.error).powi(2)).sqrt();
+        if left > 0.0 {
+            add(Method::Comb, tried, left);
         }
     }
     all
@@ -161,9 +167,9 @@ fn places(pilot: &Pilot) -> Vec<(f64, f64)> {
     all.iter().map(|(sum, number)| (sum / number, *number)).collect()
 }
 
-/// Rays a pixel of the image that adaptive rays are expected to take to leave an error, and pixels along the side of the blocks that best share
+/// Rays a pixel of the image that adaptive rays are expected to take at each distance to leave an error, and pixels along the side of the blocks that best share
 /// a ray at first. Every place is given rays until more would gain too little.
-fn rays_for(pilot: &Pilot, places: &[(f64, f64)], left: f64) -> (f64, u32) {
+fn rays_for(pilot: &Pilot, places: &[(f64, f64)], left: f64) -> ([f64; RAYS.len()], u32) {
     let area = 64.0 / pilot.pixels as f64;
     // The distance at which a place stays when a ray has to take away so much.
     let stays = |square: f64, gain: f64| {
@@ -185,55 +191,83 @@ fn rays_for(pilot: &Pilot, places: &[(f64, f64)], left: f64) -> (f64, u32) {
     }
     // Dark places are known at once, whatever the distance.
     let with = |coarsest: usize| {
-        let begun = first * RAYS[coarsest] / RAYS[0];
-        let more = |n: usize| RAYS[n] * at[n..].iter().sum::<f64>();
-        begun + (coarsest + 1..RAYS.len()).map(more).sum::<f64>()
+        let of = |n: usize| match n.cmp(&coarsest) {
+            Ordering::Less => 0.0,
+            Ordering::Equal => first * RAYS[n] / RAYS[0],
+            Ordering::Greater => RAYS[n] * at[n..].iter().sum::<f64>(),
+        };
+        std::array::from_fn(of)
     };
     // The first rays are there already.
-    let best = (1..3).filter(|n| with(*n) + first < with(0)).min_by(|a, b| with(*a).total_cmp(&with(*b))).unwrap_or(0);
+    let sum = |coarsest: usize| with(coarsest).iter().sum::<f64>();
+    let best = (1..3).filter(|n| sum(*n) + first < sum(0)).min_by(|a, b| sum(*a).total_cmp(&sum(*b))).unwrap_or(0);
     (with(best), 4 >> best)
-}
-
-/// A distance of samples.
-#[derive(Clone, Copy)]
-struct Widest {
-    step: f64,
-    /// The error along rays that it leaves.
-    error: f64,
-    /// The power of the distance by which errors rise there, where it is known.
-    power: Option<f64>,
 }
 
 /// The largest distance of samples whose error is at most `most`: between the distances tried, errors rise by a
 /// power; below the smallest they fall by the square, as for a field with kinks.
-fn widest(pilot: &Pilot, most: f64) -> Option<Widest> {
-    let (first, least) = *pilot.combs.first()?;
+fn widest(pilot: &Pilot, most: f64) -> Option<Tried> {
+    let least = *pilot.combs.first()?;
     if most <= 0.0 {
         return None;
     }
-    if least > most {
-        let step = first * (most / least).sqrt();
-        return (step >= 0.25).then_some(Widest { step, error: most, power: Some(2.0) });
+    if least.error > most {
+        let step = least.comb.step * (most / least.error).sqrt();
+        let noise = least.comb.noise.min(Comb::noise_of(2.0));
+        return (step >= 0.25).then_some(Tried { comb: Comb { step, noise }, error: most });
     }
-    let mut best = Widest { step: first, error: least, power: None };
+    let mut best = least;
     for pair in pilot.combs.windows(2) {
-        let [(a, low), (b, high)] = [pair[0], pair[1]];
-        if high <= most {
-            best = Widest { step: b, error: high, power: None };
+        let [low, high] = [pair[0], pair[1]];
+        if high.error <= most {
+            best = high;
             continue;
         }
-        if low > 0.0 && low <= most && high > low {
+        if low.error > 0.0 && low.error <= most && high.error > low.error {
             // Distances that fit the grid leave less than those between them, so that no steep fall is trusted.
-            let power = ((high / low).ln() / (b / a).ln()).min(2.5);
-            let low = high * (a / b).powf(power);
-            if low > most {
+            let (a, b) = (low.comb.step, high.comb.step);
+            let power = ((high.error / low.error).ln() / (b / a).ln()).min(2.5);
+            let least = high.error * (a / b).powf(power);
+            if least > most {
                 break;
             }
-            best = Widest { step: a * (most / low).powf(1.0 / power), error: most, power: Some(power) };
+            let step = a * (most / least).powf(1.0 / power);
+            let part = (step / a).ln() / (b / a).ln();
+            let noise = low.comb.noise.powf(1.0 - part) * high.comb.noise.powf(part);
+            best = Tried { comb: Comb { step, noise }, error: most };
         }
         break;
     }
     Some(best)
+}
+
+/// A voxel in the middle of a volume, in an image.
+struct Voxel {
+    /// Pixels along x and y from it to the next along each axis.
+    steps: [[f64; 2]; 3],
+}
+
+impl Voxel {
+    fn of(density: &Density, camera: &Camera) -> Self {
+        let grid = density.volume().grid();
+        let step = grid.index_to_world().matrix3;
+        let middle = camera.project(grid.centre());
+        let steps = [step.x_axis, step.y_axis, step.z_axis].map(|v| {
+            let end = camera.project(grid.centre() + v);
+            [end.0 - middle.0, end.1 - middle.1]
+        });
+        Self { steps }
+    }
+
+    /// Pixels along its side.
+    fn side(&self) -> f64 {
+        (0.5 * self.steps.iter().flatten().map(|s| s * s).sum::<f64>()).sqrt()
+    }
+
+    /// Pixels along x and y of a tent's footprint, which is two voxels wide along each of its axes.
+    fn footprint(&self) -> [f64; 2] {
+        [0, 1].map(|axis: usize| 2.0 * self.steps.iter().map(|s| s[axis].abs()).sum::<f64>())
+    }
 }
 
 /// All voxels' footprints, whole or in parts; errors are what they are.
@@ -244,17 +278,9 @@ fn footprints<'a>(
     costs: &'a Costs,
 ) -> impl Iterator<Item = Candidate> + 'a {
     let visited = (density.occupancy().count() * Occupancy::SIDE.pow(3)) as f64;
-    // Pixels that a footprint in the middle of the volume meets: a tent is two voxels wide along each of its axes.
-    let grid = density.volume().grid();
-    let step = grid.index_to_world().matrix3;
-    let middle = camera.project(grid.centre());
-    let steps = [step.x_axis, step.y_axis, step.z_axis].map(|v| {
-        let end = camera.project(grid.centre() + v);
-        [end.0 - middle.0, end.1 - middle.1]
-    });
-    let [width, height] = [0, 1].map(|axis: usize| 2.0 * steps.iter().map(|s| s[axis].abs()).sum::<f64>());
-    let square = 0.5 * steps.iter().flatten().map(|s| s * s).sum::<f64>();
-    let law = LAW * (1.0 + square / (WIDE * WIDE)).sqrt();
+    let voxel = Voxel::of(density, camera);
+    let [width, height] = voxel.footprint();
+    let law = LAW * (1.0 + (voxel.side() / WIDE).powi(2)).sqrt();
     let pixels = camera.extent().pixels() as f64 * costs.pixel;
     (1..=PARTS).map(move |parts| {
         let options = FootprintOptions { estimand, refine: Refine::Cubic(parts), ..FootprintOptions::default() };

@@ -10,10 +10,12 @@ pub(super) struct Costs {
     pub ray: f64,
     /// A pixel of the image: its mean over its neighbours, and its memory.
     pub pixel: f64,
-    /// A sample along a ray.
+    /// A sample along a ray, its voxels near.
     pub step: f64,
-    /// A cell integrated exactly.
+    /// A cell integrated exactly, its voxels near.
     pub cell: f64,
+    /// What voxels add that are far and that no neighbouring ray reads.
+    pub far: f64,
     /// A sample of the volume: drawn, projected and added.
     pub sample: f64,
     /// The tables of footprints.
@@ -29,17 +31,26 @@ pub(super) struct Costs {
     pub distribution: f64,
 }
 
+/// Voxels between rays beyond which four by four of them share no lines of memory.
+const APART: f64 = 2.6;
+
 impl Costs {
+    /// A sample or a cell of rays so many voxels apart.
+    pub fn of_rays(&self, near: f64, apart: f64) -> f64 {
+        near + self.far * (apart / APART).min(1.0).powf(1.2)
+    }
+
     /// For a volume: random reads of large ones miss the caches.
     pub fn of(volume: &Volume) -> Self {
         let bytes = volume.bytes() as f64;
-        // Two megabytes are near; beyond, a read costs more with every doubling.
         let far = (bytes / 16e6).log2().clamp(0.0, 7.0);
         Self {
-            ray: 45.0,
-            pixel: 6.0,
-            step: 1.7 + 0.35 * far,
-            cell: 2.6 + 0.25 * far,
+            ray: 40.0,
+            pixel: 3.0,
+            step: 2.2,
+            cell: 2.8,
+            // Two megabytes are near, sixteen far.
+            far: 8.0 * ((bytes / 2e6).log2() / 3.0).clamp(0.0, 1.0),
             sample: 5.0 + 0.4 * far,
             tables: 1.5e6,
             footprint: 2.8,

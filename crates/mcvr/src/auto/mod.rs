@@ -12,7 +12,7 @@ mod costs;
 use std::cell::RefCell;
 
 use mcvr_footprint::{LookFootprints, footprints_with_look};
-use mcvr_raycast::{AdaptiveImage, LookOptions, Pilot, SpotCheck, look_and_cast, spot_check};
+use mcvr_raycast::{AdaptiveImage, Comb, LookOptions, Pilot, SpotCheck, look_and_cast, spot_check};
 use mcvr_refine::Goal;
 use mcvr_scene::{Density, Kernel, Look, Watch};
 use serde::Serialize;
@@ -66,20 +66,24 @@ pub(crate) enum Already {
 /// Voxels along the side of a volume for which the first rays' distances are meant; they fall with the root of smaller ones.
 const USUAL: f64 = 100.0;
 
-/// How to look: the first rays' distance is what usually serves the error, and distances are compared on more squares, with better ones
+/// Share of the error that single rays are to have: a distance that is a little too small costs little, one too large the first rays.
+const WANTED: f64 = 0.55;
+
+/// How to look: the first rays' distance, and its noise on phantoms, are what usually serves the error, and distances are compared on more squares, with better ones
 /// taken for true, where the image itself will take longer.
 fn look(density: &Density, request: &Request) -> LookOptions<'static> {
-    let (first, others, truth, squares): (f64, &[f64], _, _) = match request.error {
-        e if e >= 0.05 => (5.0, &[], Some(2.0), 16),
-        e if e >= 0.02 => (3.0, &[], Some(1.0), 24),
-        e if e >= 0.005 => (2.0, &[1.0, 4.0], None, 24),
-        _ => (1.0, &[2.0], None, 32),
+    let (step, noise, others, truth, squares): (f64, _, &[f64], _, _) = match request.error {
+        e if e >= 0.05 => (5.0, 0.12, &[], Some(0.4), 16),
+        e if e >= 0.02 => (3.0, 0.07, &[], Some(0.3), 24),
+        e if e >= 0.005 => (2.0, 0.06, &[0.5, 2.0], None, 24),
+        _ => (1.0, 0.04, &[2.0], None, 32),
     };
     // Sums of fewer samples err more.
     let dims = density.volume().grid().dims();
     let side = dims.iter().map(|n| *n as f64).product::<f64>().cbrt();
-    let first = first * (side / USUAL).sqrt().min(1.0);
-    LookOptions { first, others, truth, squares, estimand: request.estimand, seed: request.seed }
+    let first = Comb { step: step * (side / USUAL).sqrt().min(1.0), noise };
+    let wanted = WANTED * request.error;
+    LookOptions { wanted, first, others, truth, squares, estimand: request.estimand, seed: request.seed }
 }
 
 /// Chooses how to reach an error (RMSE over the mean pixel) at the request's kernel and estimand.
@@ -105,15 +109,16 @@ pub(crate) fn choose_and_cast(
     let others = candidates::without_look(density, camera, request.estimand, plain, target);
     let options = look(density, request);
     // Where footprints are done before rays could be, there is nothing to look for.
-    let sooner =
-        |c: &Candidate| reaches(c, target) && c.seconds < candidates::least(density, camera, options.first, target);
+    let sooner = |c: &Candidate| {
+        reaches(c, target) && c.seconds < candidates::least(density, camera, options.first.step, target)
+    };
     if !plain || others.iter().any(sooner) {
         return Ok((best(others, target, None), None));
     }
     let (choice, trial) = (RefCell::new(None), RefCell::new(None));
     let judge = |pilot: &Pilot| {
         let mut all = others.clone();
-        all.extend(candidates::adaptive_rays(density.volume(), pilot, target));
+        all.extend(candidates::adaptive_rays(density, camera, pilot, target));
         let made = best(all, target, Some(pilot.clone()));
         if !effects.is_coloured() {
             let worth = candidates::worth_a_trial(density.volume(), pilot, &others, &made.chosen, target);

@@ -157,7 +157,7 @@ fn a_look_is_the_beginning_of_the_image() {
     let camera = camera(&grid, OBLIQUE, 160, 144);
     let look = LookOptions {
         wanted: 0.02,
-        first: Comb::new(3.0),
+        first: Comb { step: 3.0, noise: 0.05 },
         others: &[0.5],
         truth: None,
         squares: 24,

@@ -294,13 +294,17 @@ fn complete(
 }
 
 /// Refuses an image with a pixel that is no number.
+#[allow(clippy::needless_range_loop, reason = "vector code wants plain loops")]
 pub(crate) fn check_finite(image: &Image) -> Result<(), MakeError> {
     // What is no number times 0 is none either.
-    let mut sums = [0.0f64; 8];
-    let rows = image.values().chunks_exact(sums.len());
-    let rest = rows.remainder().iter().fold(0.0, |sum, v| sum + v * 0.0);
-    rows.for_each(|row| sums.iter_mut().zip(row).for_each(|(sum, v)| *sum += v * 0.0));
-    if rest + sums.iter().sum::<f64>() == 0.0 {
+    let (rows, rest) = image.values().as_chunks::<8>();
+    let mut sums = [0.0; 8];
+    for row in rows {
+        for n in 0..8 {
+            sums[n] += row[n] * 0.0;
+        }
+    }
+    if sums.iter().sum::<f64>() == 0.0 && rest.iter().all(|v| v.is_finite()) {
         return Ok(());
     }
     match image.values().iter().position(|v| !v.is_finite()) {

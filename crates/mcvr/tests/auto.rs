@@ -67,6 +67,32 @@ fn the_choice_follows_the_error_and_not_the_threads() {
     }
 }
 
+/// Footprints whose error is not known well enough are made and checked; the image is theirs only when they pass.
+#[test]
+fn footprints_on_trial_are_used_when_they_pass() {
+    for (azimuth, elevation, passes) in [(0.0, 0.0, true), (120.0, -35.0, false)] {
+        let mut scenery = scenery("phantom:lobster@96", View { azimuth, elevation, ..View::default() });
+        let view = View { azimuth, elevation, ..View::default() };
+        scenery.camera = Camera::look(&view, scenery.volume.grid(), Extent::new(400, 400).unwrap()).unwrap();
+        let request = Request { method: Method::Auto, error: 0.003, ..Request::default() };
+        let auto = made(&scenery, &request);
+        let choice = auto.choice.unwrap();
+        let check = choice.checked.unwrap();
+        assert_eq!((choice.chosen.method == Method::Footprint, check.error < 0.003), (passes, passes), "{choice:?}");
+        let direct = made(&scenery, &choice.request(&request));
+        assert_eq!(auto.image, direct.image);
+        let truth =
+            made(&scenery, &Request { method: Method::Rays, samples: 64 * 160_000, ..Request::default() }).image;
+        let error = Comparison::of(&auto.image, &truth).unwrap().rel_rmse.unwrap();
+        assert!(error < 0.003, "{error}");
+        if passes {
+            assert_eq!(choice.chosen.error, check.error);
+            assert!((check.error / error - 1.0).abs() < 0.35, "told {}, is {error}", check.error);
+            assert!(choice.reaches && choice.runners_up[0].method != Method::Footprint);
+        }
+    }
+}
+
 #[test]
 fn scenes_without_packets_get_a_method_that_serves_them() {
     let plain = scenery("phantom:lobster@48", View::default());

@@ -355,7 +355,6 @@ impl<'a> Rounds<'a> {
         } else {
             self.left += needs.left();
         }
-        self.set_mean(sum(image.values()) / image.values().len() as f64);
         let left = if self.mean > 0.0 { (self.left / self.unit()).sqrt() } else { 0.0 };
         let made = MarchImage { image, counters: self.counters, seconds: 0.0 };
         AdaptiveImage { made, left, rays: self.rays }
@@ -457,13 +456,17 @@ impl<'a> Rounds<'a> {
     }
 }
 
-/// Of eight sums side by side, which vector code makes.
+/// By eight sums side by side, which vector code makes.
+#[allow(clippy::needless_range_loop, reason = "vector code wants plain loops")]
 fn sum(values: &[f64]) -> f64 {
+    let (rows, rest) = values.as_chunks::<8>();
     let mut sums = [0.0; 8];
-    let rows = values.chunks_exact(sums.len());
-    let rest = rows.remainder().iter().sum::<f64>();
-    rows.for_each(|row| sums.iter_mut().zip(row).for_each(|(sum, v)| *sum += v));
-    rest + sums.iter().sum::<f64>()
+    for row in rows {
+        for n in 0..8 {
+            sums[n] += row[n];
+        }
+    }
+    rest.iter().sum::<f64>() + sums.iter().sum::<f64>()
 }
 
 /// Mean of the rays of one pixel of a candidate of `side` pixels, with `rays` along a pixel's side.

@@ -183,7 +183,9 @@ impl Choice {
         let chosen = Candidate { error: check.error, ..candidate };
         let second = std::mem::replace(&mut self.chosen, chosen);
         self.runners_up.retain(|c| c.method != Method::Footprint);
-        self.runners_up.insert(0, second);
+        if second.method != Method::Footprint {
+            self.runners_up.insert(0, second);
+        }
         self.reaches = true;
         watch.advance(scenery.camera.extent().height as u64);
         Ok(Some(made))

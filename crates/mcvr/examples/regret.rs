@@ -1,8 +1,9 @@
 //! What `--method auto` costs beside the best fixed method: every scan of a folder, three views, four errors.
 //!
 //! `cargo run --release -p mcvr --example regret -- DATA_DIR [--markdown FILE] [--json FILE] [--rounds 7] [--only PART]`; `phantoms`
-//! in place of a folder takes the program's own phantoms, on which constants of the choice were tuned; those
-//! of adaptive rays (`bend`, `SHARE`, `doubt`, `FALL`, and `MARGIN`) were found on the scans lobster, CT head, chest and statue, which are no test of them.
+//! in place of a folder takes the program's own phantoms, on which the constants of the choice and of adaptive rays were
+//! found (the example `bends` has part of them). `SHARE` and `DOUBT` of adaptive rays were first set beside some scans (lobster, CT head, chest, statue)
+//! and not changed since.
 //!
 //! For each scan and view a truth is cast (rays through 8 by 8 places of every pixel, exact in depth, averaged), then every fixed
 //! setting of the methods `comb`, `rays`, `march`, `footprint` and `qmc` is made. Of those that reach an error, the quickest are made again, in

@@ -501,7 +501,7 @@ fn of_footprints(made: LookFootprints, mass: mcvr_scene::MassReport, distributio
 
 /// What adaptive rays made.
 fn of_adaptive(made: AdaptiveImage, mass: mcvr_scene::MassReport, distribution: f64) -> Made {
-    let AdaptiveImage { made: MarchImage { image, counters, seconds }, left, rays } = made;
+    let AdaptiveImage { made: MarchImage { image, counters, seconds }, left, rays, .. } = made;
     let levels: Vec<Value> = rays.iter().map(|(pitch, rays)| json!({ "pitch": pitch, "rays": rays })).collect();
     Made {
         image,

@@ -11,20 +11,38 @@ use crate::cell::spline_weights;
 /// The coefficients are the polar form: the trilinear function with each coordinate taken from one of the ends. They
 /// are convex combinations of the corners, so corners of exactly 0 give exactly 0.
 #[inline(always)]
+#[allow(clippy::needless_range_loop, reason = "corners are told by the bits of their numbers")]
 pub(crate) fn trilinear(corners: &[[f64; 4]; 8], p: [f64; 3], q: [f64; 3]) -> [[f64; 4]; 4] {
-    let lerp = |a: [f64; 4], b: [f64; 4], t: f64| -> [f64; 4] { std::array::from_fn(|n| a[n] + t * (b[n] - a[n])) };
-    // Ends along x, then y, then z; index bits as for corners.
-    let ends = |a: usize, end: usize| if end == 0 { p[a] } else { q[a] };
-    let x: [[f64; 4]; 8] = std::array::from_fn(|n| {
-        let edge = n & 6;
-        lerp(corners[edge], corners[edge + 1], ends(0, n & 1))
-    });
-    let y: [[f64; 4]; 8] = std::array::from_fn(|n| lerp(x[n & 5], x[(n & 5) + 2], ends(1, n >> 1 & 1)));
-    let z: [[f64; 4]; 8] = std::array::from_fn(|n| lerp(y[n & 3], y[(n & 3) + 4], ends(2, n >> 2)));
-    let third = |a: [f64; 4], b: [f64; 4], c: [f64; 4]| -> [f64; 4] {
-        std::array::from_fn(|n| (a[n] + b[n] + c[n]) * (1.0 / 3.0))
-    };
-    [z[0], third(z[1], z[2], z[4]), third(z[3], z[5], z[6]), z[7]]
+    // Ends along x, then y, then z; index bits as for corners. Plain loops: whether closures over arrays are inlined changes with
+    // code elsewhere, and with it a sixth of the time of shaded rays.
+    let (mut x, mut y, mut z) = ([[0.0; 4]; 8], [[0.0; 4]; 8], [[0.0; 4]; 8]);
+    for n in 0..8 {
+        let (edge, end) = (n & 6, if n & 1 == 0 { p[0] } else { q[0] });
+        x[n] = lerp(&corners[edge], &corners[edge + 1], end);
+    }
+    for n in 0..8 {
+        let (edge, end) = (n & 5, if n & 2 == 0 { p[1] } else { q[1] });
+        y[n] = lerp(&x[edge], &x[edge + 2], end);
+    }
+    for n in 0..8 {
+        let (edge, end) = (n & 3, if n & 4 == 0 { p[2] } else { q[2] });
+        z[n] = lerp(&y[edge], &y[edge + 4], end);
+    }
+    [z[0], third(&z[1], &z[2], &z[4]), third(&z[3], &z[5], &z[6]), z[7]]
+}
+
+#[inline(always)]
+fn lerp(a: &[f64; 4], b: &[f64; 4], t: f64) -> [f64; 4] {
+    [a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), a[2] + t * (b[2] - a[2]), a[3] + t * (b[3] - a[3])]
+}
+
+#[inline(always)]
+fn third(a: &[f64; 4], b: &[f64; 4], c: &[f64; 4]) -> [f64; 4] {
+    let mut mean = [0.0; 4];
+    for n in 0..4 {
+        mean[n] = (a[n] + b[n] + c[n]) * (1.0 / 3.0);
+    }
+    mean
 }
 
 /// Powers of `x` from Bernstein coefficients of degree 3.

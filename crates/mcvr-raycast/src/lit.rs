@@ -222,14 +222,15 @@ impl<'a, const C: usize, const N: usize> LitField<'a, C, N> {
                 }
             }
             Kernel::Tent | Kernel::Shell => {
-                let corners = std::array::from_fn(|n| {
+                let mut corners = [[0.0; 4]; 8];
+                for (n, values) in corners.iter_mut().enumerate() {
                     let at = corner(n);
+                    values[0] = weights(0)[at];
                     if tinted {
-                        [weights(0)[at], weights(1)[at], weights(2)[at], 0.0]
-                    } else {
-                        [weights(0)[at], 0.0, 0.0, 0.0]
+                        values[1] = weights(1)[at];
+                        values[2] = weights(2)[at];
                     }
-                });
+                }
                 let b = trilinear(&corners, p, q);
                 for (c, out) in out.iter_mut().enumerate() {
                     for (o, v) in out.iter_mut().zip(powers([b[0][c], b[1][c], b[2][c], b[3][c]])) {

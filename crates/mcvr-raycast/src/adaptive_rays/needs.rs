@@ -101,7 +101,7 @@ impl Needs {
             let mut number = 0;
             let few = |s: &(f64, usize)| {
                 number += s.1;
-                number >= (needed / 4).max(2 * FEWEST)
+                number >= (needed / 4).clamp(2 * FEWEST, 96)
             };
             end = end.min(1 + self.sums.iter().position(few).unwrap_or(end));
         }

@@ -111,18 +111,26 @@ pub(super) fn adaptive_rays(density: &Density, camera: &Camera, pilot: &Pilot, e
     let (costs, wanted, pixels) = (Costs::of(volume), MARGIN * error, pilot.pixels as f64);
     let fixed = volume.bytes() as f64 * costs.occupancy + pixels * costs.pixel;
     let places = places(pilot);
+    let lit = pilot.rays as f64 / pixels;
     let mut all = vec![];
     let mut add = |method, Tried { comb: Comb { step, noise }, error: along }: Tried, left: f64| {
-        let (mut rays, coarsest) = rays_for(pilot, &places, left);
-        // The rays of the look are the first of the image where these need not be closer; else they are cast again.
-        let first = (method == Method::Comb && coarsest == 4 && step >= pilot.first.step).then_some(pilot.first);
-        if first.is_some() {
-            rays[0] -= pilot.rays as f64 / pixels;
-        }
         let (near, number) =
             if method == Method::Rays { (costs.cell, CELLS * pilot.steps) } else { (costs.step, pilot.steps / step) };
-        let each = |n: usize| costs.ray + THICK * number * costs.of_rays(near, PITCH[n] / side);
-        let seconds = (0..RAYS.len()).map(|n| rays[n] * each(n)).sum::<f64>();
+        // Where squares of rays lie scattered, they share less with their neighbours.
+        let apart = |n: usize, rays: f64| PITCH[n] / side * (lit * RAYS[n] / (RAYS[0] * rays)).max(1.0).sqrt();
+        let of_level = |(n, rays): (usize, &f64)| {
+            let each = || costs.ray + THICK * number * costs.of_rays(near, apart(n, *rays));
+            if *rays > 0.0 { rays * each() } else { 0.0 }
+        };
+        let ways = rays_for(pilot, &places, left).into_iter().map(|(mut rays, coarsest)| {
+            // The rays of the look are the first of the image where these need not be closer; else they are cast again.
+            let first = (method == Method::Comb && coarsest == 4 && step >= pilot.first.step).then_some(pilot.first);
+            if first.is_some() {
+                rays[0] = 0.0;
+            }
+            (rays, coarsest, first, rays.iter().enumerate().map(of_level).sum::<f64>())
+        });
+        let Some((rays, coarsest, first, seconds)) = ways.min_by(|a, b| a.3.total_cmp(&b.3)) else { return };
         all.push(Candidate {
             method,
             samples: (rays.iter().sum::<f64>() * pixels).ceil() as u64,
@@ -166,9 +174,9 @@ fn places(pilot: &Pilot) -> Vec<(f64, f64)> {
     all.iter().map(|(sum, number)| (sum / number, *number)).collect()
 }
 
-/// Rays a pixel of the image that adaptive rays are expected to take at each distance to leave an error, and pixels along the side of the blocks that best share
-/// a ray at first. Every place is given rays until more would gain too little.
-fn rays_for(pilot: &Pilot, places: &[(f64, f64)], left: f64) -> ([f64; RAYS.len()], u32) {
+/// Rays a pixel of the image that adaptive rays are expected to take at each distance to leave an error, for blocks of 4, 2 and 1 pixels along the
+/// side that share a ray at first. Every place is given rays until more would gain too little.
+fn rays_for(pilot: &Pilot, places: &[(f64, f64)], left: f64) -> [([f64; RAYS.len()], u32); 3] {
     let area = 64.0 / pilot.pixels as f64;
     // The distance at which a place stays when a ray has to take away so much.
     let stays = |square: f64, gain: f64| {
@@ -195,12 +203,9 @@ fn rays_for(pilot: &Pilot, places: &[(f64, f64)], left: f64) -> ([f64; RAYS.len(
             Ordering::Equal => first * RAYS[n] / RAYS[0],
             Ordering::Greater => RAYS[n] * at[n..].iter().sum::<f64>(),
         };
-        std::array::from_fn(of)
+        (std::array::from_fn(of), 4 >> coarsest)
     };
-    // The first rays are there already.
-    let sum = |coarsest: usize| with(coarsest).iter().sum::<f64>();
-    let best = (1..3).filter(|n| sum(*n) + first < sum(0)).min_by(|a, b| sum(*a).total_cmp(&sum(*b))).unwrap_or(0);
-    (with(best), 4 >> best)
+    [with(0), with(1), with(2)]
 }
 
 /// The largest distance of samples whose error is at most `most`: between the distances tried, errors rise by a

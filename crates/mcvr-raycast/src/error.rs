@@ -104,6 +104,10 @@ pub enum RaycastError {
     )]
     Packets,
 
+    /// An image that is to be checked is not the camera's.
+    #[error("the image that is checked: {0}")]
+    Checked(String),
+
     /// The image with its margin is too large.
     #[error("the image with a margin for its means: {0}")]
     Image(String),

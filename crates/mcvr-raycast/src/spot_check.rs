@@ -32,7 +32,8 @@ const ANYWHERE: f64 = 0.2;
 /// the expected square of the error is that of the image. `None` where rays are not cast in packets. The same number for any number of threads.
 ///
 /// # Errors
-/// [`RaycastError::Extent`] for an estimand that the grid does not serve, [`RaycastError::Cancelled`] when `watch` said so.
+/// [`RaycastError::Checked`] for an image that is not of the camera's size, [`RaycastError::Extent`] for an estimand that the grid does not
+/// serve, [`RaycastError::Cancelled`] when `watch` said so.
 pub fn spot_check(
     density: &Density,
     camera: &Camera,
@@ -43,6 +44,14 @@ pub fn spot_check(
     watch: &Watch,
 ) -> Result<Option<SpotCheck>, RaycastError> {
     RayOptions { estimand, ..RayOptions::default() }.check(density.volume().grid())?;
+    let (Extent { width, height }, is) = (camera.extent(), image.extent());
+    if is != camera.extent() {
+        let text = format!(
+            "it has {}x{} pixels, and the camera {width}x{height}; give that camera's image",
+            is.width, is.height
+        );
+        return Err(RaycastError::Checked(text));
+    }
     let whole = image.values().iter().map(|v| v.max(0.0)).sum::<f64>();
     let number = image.values().len();
     if whole <= 0.0 || number == 0 {
@@ -53,7 +62,6 @@ pub fn spot_check(
     let shares: Vec<f64> = image.values().iter().map(share).collect();
     let mut random = Pcg64Dxsm::new(u128::from(seed), 0x7370_6f74);
     let (drawn, weights) = draw(&shares, pixels.min(number), random.random());
-    let Extent { width, .. } = camera.extent();
     let of = |n: &usize| [n % width, n / width];
     let means = Packets::new(density).look(camera, estimand, watch, Pixels(drawn.iter().map(of).collect()));
     if watch.cancelled() {

@@ -80,6 +80,9 @@ fn threads_change_nothing_and_what_cannot_be_is_refused() {
     let wide = density(grid.clone(), vec![1u32; grid.len()]);
     let camera = Camera::look(&View::default(), &grid, camera.extent()).unwrap();
     assert_eq!(spot_check(&wide, &camera, Estimand::Line, &image, 40, 9, &Watch::default()), Ok(None));
+    let small = Image::zeros(Extent::new(20, 10).unwrap());
+    let refused = spot_check(&d, &camera, Estimand::Line, &small, 40, 9, &Watch::default()).unwrap_err();
+    assert!(matches!(&refused, RaycastError::Checked(text) if text.contains("20x10") && text.contains("150x110")));
     let stop = AtomicBool::new(true);
     let cancelled = Watch { cancel: Some(&stop), ..Watch::default() };
     assert_eq!(spot_check(&d, &camera, Estimand::Line, &image, 40, 9, &cancelled), Err(RaycastError::Cancelled));

@@ -3,23 +3,15 @@
 //! `cargo run --release -p mcvr --example bends`. For eight phantoms and three views, exact rays of 4, 2, 1 and 1/2 pixels' distance: the error
 //! of the image, the error that their fourth differences tell (`bend`), and how squared errors fall from one distance to the next (`FALL`).
 
+mod phantoms;
+
 use std::io::Write;
 
 use mcvr::harness::Comparison;
 use mcvr::raycast::{AdaptiveOptions, cast_adaptive_rays};
 use mcvr::scene::{Camera, Density, DensityMap, Extent, View, Watch};
 use mcvr::{Method, Request, Scenery, make_of};
-
-const PHANTOMS: [&str; 8] = [
-    "phantom:lobster@301x324x56",
-    "phantom:lobster@96",
-    "phantom:shepp-logan@256",
-    "phantom:shepp-logan@80",
-    "phantom:vessels@256",
-    "phantom:vessels@64",
-    "phantom:marschner-lobb@41",
-    "phantom:ellipsoids@128",
-];
+use phantoms::{PHANTOMS, VIEWS};
 
 fn quartiles(values: &mut [f64]) -> [f64; 3] {
     values.sort_by(f64::total_cmp);
@@ -32,7 +24,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     for input in PHANTOMS {
         let volume = mcvr::volume::load(input, None)?.volume;
         let density = Density::new(&volume, DensityMap::default())?;
-        for (azimuth, elevation) in [(30.0, 20.0), (0.0, 0.0), (120.0, -35.0)] {
+        for [azimuth, elevation] in VIEWS {
             let view = View { azimuth, elevation, ..View::default() };
             let camera = Camera::look(&view, volume.grid(), Extent::new(400, 400)?)?;
             let scenery = Scenery::new(volume.clone(), DensityMap::default(), camera.clone());

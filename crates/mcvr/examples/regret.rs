@@ -11,16 +11,18 @@
 //! over that of the quickest fixed setting; both begin with the volume's weights and its map of empty bricks at
 //! hand, which all images of it share, and end with the image. A choice that misses its error is counted, whatever its time.
 
+mod phantoms;
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use mcvr::harness::Comparison;
 use mcvr::scene::{Camera, Density, DensityMap, Extent, Hounsfield, Image, Transfer, View, Watch};
 use mcvr::{Adaptive, Method, Request, Scenery, make_of};
+use phantoms::{PHANTOMS, VIEWS};
 use serde_json::{Value, json};
 
 const ERRORS: [f64; 4] = [0.1, 0.03, 0.01, 0.003];
-const VIEWS: [[f64; 2]; 3] = [[30.0, 20.0], [0.0, 0.0], [120.0, -35.0]];
 const STEPS: [f64; 9] = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 20.0];
 /// Errors that fixed settings of adaptive rays leave between the rays.
 const LEFT: [f64; 4] = [0.07, 0.02, 0.007, 0.002];
@@ -132,18 +134,6 @@ fn map_for(name: &str) -> Result<DensityMap, Failure> {
     let transfer = if hounsfield { Transfer::Hounsfield(Hounsfield::of_water(0.02)?) } else { Transfer::Identity };
     Ok(DensityMap { transfer, ..DensityMap::default() })
 }
-
-/// Phantoms at the sizes of scans.
-const PHANTOMS: [&str; 8] = [
-    "phantom:lobster@301x324x56",
-    "phantom:lobster@96",
-    "phantom:shepp-logan@256",
-    "phantom:shepp-logan@80",
-    "phantom:vessels@256",
-    "phantom:vessels@64",
-    "phantom:marschner-lobb@41",
-    "phantom:ellipsoids@128",
-];
 
 fn main() -> Result<(), Failure> {
     mcvr::keep_freed_memory();

@@ -82,7 +82,7 @@ pub struct Pilot {
 /// in packets. The same numbers for any number of threads; the image is that of [`cast_adaptive_rays`](crate::cast_adaptive_rays).
 ///
 /// # Errors
-/// As [`cast_adaptive_rays`](crate::cast_adaptive_rays).
+/// As [`cast_adaptive_rays`](crate::cast_adaptive_rays); [`RaycastError::Left`] for an unusable [`LookOptions::wanted`], too.
 pub fn look_and_cast(
     density: &Density,
     camera: &Camera,
@@ -95,10 +95,10 @@ pub fn look_and_cast(
     if !(wanted > 0.0 && wanted.is_finite()) {
         return Err(RaycastError::Left(wanted));
     }
-    // What rays see by turns stays as it is until the noise is known.
-    let comb = Some(Comb { noise: 1.0, ..first });
-    let of_first = AdaptiveOptions { comb, estimand, seed, ..AdaptiveOptions::default() };
+    let of_first = AdaptiveOptions { comb: Some(first), estimand, seed, ..AdaptiveOptions::default() };
     of_first.check(density)?;
+    // What rays see by turns stays as it is until the noise is known.
+    let of_first = AdaptiveOptions { comb: Some(Comb { noise: 1.0, ..first }), ..of_first };
     let wide = wide(camera)?;
     let looking = Looking { options, of_first, judge, density, scene: Scene::new(density, camera, watch) };
     match Packets::new(density).look(&wide, estimand, watch, looking) {

@@ -69,7 +69,8 @@ pub(super) fn without_look(
 /// Pixels on which footprints are checked whose error is not known well enough.
 pub(super) const CHECKED: usize = 64;
 
-/// Footprints that pass the check are expected to err by this share of what was asked for at most: 64 pixels tell the error to a tenth.
+/// Footprints that pass the check are expected to err by this share of what was asked for at most: 64 pixels told the error to an eighth
+/// on the phantoms that were tried.
 pub(super) const PASSES: f64 = 0.85;
 
 /// Footprints err by 0.2 to 1 of what is expected of them: where that is too much, but far less time is needed than by the choice, it is worth

@@ -11,7 +11,7 @@ mod costs;
 
 use std::cell::RefCell;
 
-use mcvr_footprint::{LookFootprints, footprints_with_look};
+use mcvr_footprint::{FootprintError, LookFootprints, footprints_with_look};
 use mcvr_raycast::{AdaptiveImage, Comb, LookOptions, Pilot, SpotCheck, look_and_cast, spot_check};
 use mcvr_refine::Goal;
 use mcvr_scene::{Density, Kernel, Look, Watch};
@@ -174,7 +174,12 @@ impl Choice {
         let of = Self { chosen: candidate.clone(), ..self.clone() }.request(request);
         // They may be made in vain, and what is made after them has the same rows again.
         let quiet = Watch { progress: None, ..*watch };
-        let made = footprints_with_look(density, &scenery.camera, look, &footprint_options(&of), &quiet)?;
+        let made = match footprints_with_look(density, &scenery.camera, look, &footprint_options(&of), &quiet) {
+            Ok(made) => made,
+            Err(e @ FootprintError::Cancelled) => return Err(e.into()),
+            // Rays need no memory for sums: what fails on trial is not tried.
+            Err(_) => return Ok(None),
+        };
         let (estimand, seed) = (request.estimand, request.seed);
         let checked =
             spot_check(density, &scenery.camera, estimand, &made.channels[0], candidates::CHECKED, seed, &quiet)?;

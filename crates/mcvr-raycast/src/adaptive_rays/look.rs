@@ -8,6 +8,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64Dxsm;
 use serde::Serialize;
 
+use super::dark::Dark;
 use super::raster::Raster;
 use super::{AdaptiveImage, AdaptiveOptions, Comb, Rounds, Scene, finished, wide};
 use crate::draw::draw;
@@ -127,8 +128,9 @@ impl Look for Looking<'_> {
     type Out = Result<(Pilot, Option<AdaptiveImage>), RaycastError>;
 
     fn run(self, full: &[(usize, usize)], cast: &dyn Cast) -> Self::Out {
-        let mut rounds = Rounds::new(self.of_first, self.scene, cast);
-        let squares = rounds.places(full);
+        let dark = Dark::beside(full, self.scene.extent);
+        let mut rounds = Rounds::new(self.of_first, self.scene, cast, &dark);
+        let squares = rounds.places();
         let step = self.glance(&mut rounds, &squares);
         rounds.options.comb = Some(Comb { step, noise: 1.0 });
         let before = rounds.counters;
@@ -143,7 +145,7 @@ impl Look for Looking<'_> {
             Rounds { options, ..rounds }.rest(raster, squares, Some(expected))
         } else {
             let mut rounds = Rounds { options, rays: vec![], ..rounds };
-            let squares = rounds.places(full);
+            let squares = rounds.places();
             let raster = rounds.first(&squares);
             rounds.rest(raster, squares, None)
         };

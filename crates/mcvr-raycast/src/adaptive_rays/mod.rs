@@ -3,11 +3,13 @@
 //! One ray for a block of 4 by 4 pixels is cast first. Where the fourth differences of what they saw say that the polynomials through
 //! them err most, rays of half the distance follow, and so on down to parts of a pixel. How far expected errors are from true ones is
 //! seen wherever finer rays were cast, and puts the rest right. It ends when what is expected to be left is no more than asked for.
+//! As long as no ray has seen anything, all places are given closer ones, down to a ray a pixel.
 //!
 //! M. Levoy, *Volume rendering by adaptive refinement*, The Visual Computer 6, 1990, places rays so by the differences of neighbours.
 //! Of all ways to leave a given sum of squared errors, the one with the fewest rays has the same expected gain of every ray: at each
 //! distance the places with the largest errors are given rays, every square of 4 by 4 rays costing the same.
 
+mod dark;
 mod look;
 mod needs;
 mod raster;
@@ -20,9 +22,10 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::average::{self, Rays};
-use crate::packet::{Along, Cast, LANES, Look, Packets, SIDE, Seen, Square, TILE};
+use crate::packet::{Along, Cast, LANES, Look, Packets, SIDE, Seen, Square};
 use crate::points::Points;
 use crate::{Counters, MarchImage, MarchOptions, RayOptions, RaycastError};
+use dark::{Dark, region};
 pub use look::{LookOptions, Pilot, Tried, look_and_cast};
 use needs::Needs;
 use raster::Raster;
@@ -218,8 +221,9 @@ impl Look for Spread<'_> {
     type Out = AdaptiveImage;
 
     fn run(self, full: &[(usize, usize)], cast: &dyn Cast) -> AdaptiveImage {
-        let mut rounds = Rounds::new(*self.options, self.scene, cast);
-        let squares = rounds.places(full);
+        let dark = Dark::beside(full, self.scene.extent);
+        let mut rounds = Rounds::new(*self.options, self.scene, cast, &dark);
+        let squares = rounds.places();
         let raster = rounds.first(&squares);
         rounds.rest(raster, squares, None)
     }
@@ -230,6 +234,7 @@ struct Rounds<'a> {
     options: AdaptiveOptions,
     scene: Scene<'a>,
     cast: &'a dyn Cast,
+    dark: &'a Dark,
     counters: Counters,
     rays: Vec<(f64, u64)>,
     mean: f64,
@@ -239,14 +244,10 @@ struct Rounds<'a> {
     left: f64,
 }
 
-/// The whole number of squares of the widest distance that hold so many pixels, and the margin.
-fn region(pixels: usize) -> usize {
-    pixels.next_multiple_of(MARGIN) + 2 * MARGIN
-}
-
 impl<'a> Rounds<'a> {
-    fn new(options: AdaptiveOptions, scene: Scene<'a>, cast: &'a dyn Cast) -> Self {
-        Self { options, scene, cast, counters: Counters::default(), rays: vec![], mean: 0.0, most: 0.0, left: 0.0 }
+    fn new(options: AdaptiveOptions, scene: Scene<'a>, cast: &'a dyn Cast, dark: &'a Dark) -> Self {
+        let counters = Counters::default();
+        Self { options, scene, cast, dark, counters, rays: vec![], mean: 0.0, most: 0.0, left: 0.0 }
     }
 
     fn set_mean(&mut self, mean: f64) {
@@ -269,8 +270,22 @@ impl<'a> Rounds<'a> {
         needs.left() <= self.budget() || self.scene.watch.cancelled()
     }
 
-    /// What candidates for rays at half a distance are expected to gain.
+    /// The places that are to be given rays next: all of them as long as none has seen anything.
+    fn next(&self, needs: &mut Needs, fall: f64) -> Vec<usize> {
+        if self.scene.watch.cancelled() {
+            vec![]
+        } else if self.mean > 0.0 {
+            needs.next(self.budget(), fall)
+        } else {
+            needs.all()
+        }
+    }
+
+    /// What candidates for rays at half a distance are expected to gain; the same everywhere where nothing was seen yet.
     fn expected(&self, raster: &Raster, candidates: &[Square], pitch: usize) -> Vec<f64> {
+        if self.mean <= 0.0 {
+            return vec![1.0; candidates.len()];
+        }
         let (level, factor) = (SimdLevel::detect(), bend(pitch).powi(2) * (pitch * pitch) as f64);
         // Of 2 by 2 rays.
         let noise = DOUBT * NOISY * 4.0;
@@ -303,19 +318,9 @@ impl<'a> Rounds<'a> {
         rows.sum::<f64>() / (x.len() * y.len()) as f64
     }
 
-    /// All squares at the widest distance that meet a tile with density.
-    fn places(&self, full: &[(usize, usize)]) -> Vec<Square> {
-        let Extent { width, height } = self.scene.extent;
-        let pitch = self.options.coarsest as usize;
-        let [across, down] = [width, height].map(region);
-        let stride = across / TILE;
-        let mut lit = vec![false; stride * (down / TILE)];
-        full.iter().for_each(|(x, y)| lit[y * stride + x] = true);
-        let side = SIDE * pitch;
-        let tiles = |n: u32| n as usize * side / TILE..((n as usize + 1) * side).div_ceil(TILE);
-        let meets = |at: &Square| tiles(at[1]).any(|y| tiles(at[0]).any(|x| lit[y * stride + x]));
-        let all = (0..(down / side) as u32).flat_map(|y| (0..(across / side) as u32).map(move |x| [x, y]));
-        all.filter(meets).collect()
+    /// All squares of first rays that can meet density.
+    fn places(&self) -> Vec<Square> {
+        self.dark.squares(self.options.coarsest as usize)
     }
 
     /// The first rays.
@@ -356,7 +361,8 @@ impl<'a> Rounds<'a> {
         let first = MARGIN / pitch - average::MARGIN;
         let inner = &raster.values[first * raster.across + first..];
         let mut image = average::means((inner, raster.across), self.scene.extent, rays, 1.0);
-        if pitch == 1 && (self.options.coarsest == 1 || !self.suffices(&needs)) {
+        self.dark.over_image(&mut image);
+        if pitch == 1 && self.mean > 0.0 && (self.options.coarsest == 1 || !self.suffices(&needs)) {
             self.within_pixels(&raster, candidates, needs, &mut image);
         } else {
             self.left += needs.left();
@@ -366,7 +372,7 @@ impl<'a> Rounds<'a> {
         AdaptiveImage { made, left, expected, rays: self.rays }
     }
 
-    /// The squares of `side` pixels in those of twice the side that meet the image.
+    /// The squares of `side` pixels in those of twice the side that meet the image and are not dark.
     fn children(&self, parents: &[Square], side: usize) -> Vec<Square> {
         let Extent { width, height } = self.scene.extent;
         let inside = |at: u32, pixels: usize| {
@@ -377,19 +383,23 @@ impl<'a> Rounds<'a> {
             let (x, y) = (2 * x, 2 * y);
             [[x, y], [x + 1, y], [x, y + 1], [x + 1, y + 1]]
         };
-        parents.iter().flat_map(child).filter(|at| inside(at[0], width) && inside(at[1], height)).collect()
+        parents
+            .iter()
+            .flat_map(child)
+            .filter(|at| inside(at[0], width) && inside(at[1], height) && self.dark.meets(at, side))
+            .collect()
     }
 
     /// Casts rays at a distance of `pitch` where they are needed: values at all places, and the squares with rays of their own.
     fn closer(&mut self, pitch: usize, coarse: &Raster, at: &[Square], needs: &mut Needs) -> (Raster, Vec<Square>) {
         let mut raster = coarse.finer();
+        self.dark.over_raster(&mut raster, pitch);
         let area = (pitch * pitch) as f64;
         let number = area * LANES as f64;
-        let budget = self.budget();
         let mut all = vec![];
         loop {
-            let next = needs.next(budget, fall(pitch));
-            if next.is_empty() || self.scene.watch.cancelled() {
+            let next = self.next(needs, fall(pitch));
+            if next.is_empty() {
                 self.left += needs.left();
                 return (raster, all);
             }
@@ -414,11 +424,10 @@ impl<'a> Rounds<'a> {
             let squares = side * rays / SIDE as u32;
             // That of a pixel's rays, and of the quarter as many before.
             let noise = 5.0 / f64::from(rays * rays);
-            let budget = self.budget();
             let mut finer = vec![];
             loop {
-                let next = needs.next(budget, FALL);
-                if next.is_empty() || self.scene.watch.cancelled() {
+                let next = self.next(&mut needs, FALL);
+                if next.is_empty() {
                     break;
                 }
                 let parts = |n: &usize| {
@@ -449,6 +458,9 @@ impl<'a> Rounds<'a> {
                 needs.found(&next, found.into_iter());
             }
             self.left += needs.left();
+            if rays < FINEST {
+                share_with_neighbours(&mut finer, width + 2 * MARGIN);
+            }
             // Of the pixels that were given rays.
             let rest = FALL * finer.iter().map(|(_, square)| square).sum::<f64>();
             if rays == FINEST || rest <= self.budget() || self.scene.watch.cancelled() {
@@ -459,6 +471,25 @@ impl<'a> Rounds<'a> {
             at = finer.into_iter().map(|(at, _)| at).collect();
             (rays, side) = (2 * rays, 1);
         }
+    }
+}
+
+/// Gives half of what was found at every pixel to the pixels around it that were looked at, itself among them: where an image is rough, two
+/// means may agree by chance.
+fn share_with_neighbours(found: &mut [([u32; 2], f64)], across: usize) {
+    let Some(last) = found.iter().map(|(at, _)| at[1]).max() else { return };
+    let mut squares = vec![f64::NAN; across * (last as usize + 2)];
+    let place = |[x, y]: [u32; 2]| y as usize * across + x as usize;
+    found.iter().for_each(|(at, square)| squares[place(*at)] = *square);
+    for (at, square) in found {
+        let (mut sum, mut number) = (0.0, 0.0);
+        for row in 0..3 {
+            let first = place(*at) + row * across - across - 1;
+            for v in squares[first..first + 3].iter().filter(|v| !v.is_nan()) {
+                (sum, number) = (sum + v, number + 1.0);
+            }
+        }
+        *square = 0.5 * (*square + sum / number);
     }
 }
 

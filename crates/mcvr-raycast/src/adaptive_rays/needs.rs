@@ -122,6 +122,12 @@ impl Needs {
         next
     }
 
+    /// All places that were given no rays yet; nothing is left to be given.
+    pub fn all(&mut self) -> Vec<usize> {
+        (self.given, self.round) = (STEPS, ROUNDS);
+        (0..self.errors.len()).filter(|n| self.errors[*n].1.is_none()).collect()
+    }
+
     /// The errors found where rays were given, and what the rays' own noise is expected to have added to each.
     pub fn found(&mut self, places: &[usize], errors: impl Iterator<Item = (f64, f64)>) {
         let mut sums = (0.0, 0.0);

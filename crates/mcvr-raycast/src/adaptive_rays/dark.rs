@@ -1,5 +1,7 @@
 //! Tiles of pixels whose rays meet no density. What is known there is known for certain, and no polynomial may say otherwise.
 
+use std::ops::Range;
+
 use super::MARGIN;
 use super::raster::Raster;
 use crate::packet::{SIDE, Square, TILE};
@@ -26,10 +28,6 @@ impl Dark {
         Self { lit, columns }
     }
 
-    fn rows(&self) -> impl Iterator<Item = &[bool]> {
-        self.lit.chunks_exact(self.columns)
-    }
-
     /// Whether a square of so many pixels along its side meets a tile that is not dark.
     pub fn meets(&self, at: &Square, side: usize) -> bool {
         let tiles = |n: u32| n as usize * side / TILE..((n as usize + 1) * side).div_ceil(TILE);
@@ -46,27 +44,32 @@ impl Dark {
 
     /// Brings values at a distance of `pitch` pixels in dark tiles to 0.
     pub fn over_raster(&self, raster: &mut Raster, pitch: usize) {
-        let (side, across) = (TILE / pitch, raster.across);
-        for (tiles, band) in self.rows().zip(raster.values.chunks_exact_mut(side * across)) {
-            for row in band.chunks_exact_mut(across) {
-                blacken(tiles, row, side);
-            }
-        }
+        let across = raster.across;
+        self.over_rows(&mut raster.values, across, TILE / pitch, 0);
     }
 
     /// The same of an image without its margin.
     pub fn over_image(&self, image: &mut Image) {
         let width = image.extent().width;
-        let first = MARGIN / TILE;
-        for (y, row) in image.values_mut().chunks_exact_mut(width).enumerate() {
-            let tiles = &self.lit[(y / TILE + first) * self.columns..][first..self.columns];
-            blacken(tiles, row, TILE);
-        }
+        self.over_rows(image.values_mut(), width, TILE, MARGIN / TILE);
     }
-}
 
-fn blacken(tiles: &[bool], row: &mut [f64], side: usize) {
-    for (values, _) in row.chunks_mut(side).zip(tiles).filter(|(_, lit)| !**lit) {
-        values.fill(0.0);
+    /// Rows of values of which `side` lie in a tile, the first in the tile `first` along both axes.
+    fn over_rows(&self, values: &mut [f64], across: usize, side: usize, first: usize) {
+        let mut runs: Vec<Range<usize>> = vec![];
+        for (tiles, band) in self.lit.chunks_exact(self.columns).skip(first).zip(values.chunks_mut(side * across)) {
+            runs.clear();
+            let dark = tiles[first..].iter().enumerate().filter(|(_, lit)| !**lit);
+            for (n, from) in dark.map(|(n, _)| (n, n * side)).take_while(|(_, from)| *from < across) {
+                let end = ((n + 1) * side).min(across);
+                match runs.last_mut().filter(|run| run.end == from) {
+                    Some(run) => run.end = end,
+                    None => runs.push(from..end),
+                }
+            }
+            for row in band.chunks_exact_mut(across) {
+                runs.iter().for_each(|run| row[run.clone()].fill(0.0));
+            }
+        }
     }
 }

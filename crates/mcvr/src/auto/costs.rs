@@ -49,8 +49,8 @@ impl Costs {
             pixel: 3.0,
             step: 2.2,
             cell: 2.8,
-            // Two megabytes are near, sixteen far.
-            far: 8.0 * ((bytes / 2e6).log2() / 3.0).clamp(0.0, 1.0),
+            // Four megabytes are near, 64 far.
+            far: 8.0 * ((bytes / 4e6).log2() / 4.0).clamp(0.0, 1.0),
             sample: 5.0 + 0.4 * far,
             tables: 1.5e6,
             footprint: 2.8,

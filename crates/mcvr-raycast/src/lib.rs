@@ -55,6 +55,7 @@ mod walk;
 
 pub use adaptive_rays::{
     AdaptiveImage, AdaptiveOptions, Comb, LookOptions, Pilot, Tried, cast_adaptive_rays, look_and_cast,
+    serves_adaptive_rays,
 };
 pub use counters::Counters;
 pub use effects::{LookReference, reference_with_look};

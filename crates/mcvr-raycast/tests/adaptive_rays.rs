@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 use common::*;
 use mcvr_raycast::{
     AdaptiveImage, AdaptiveOptions, Comb, LookOptions, Pilot, RayOptions, RaycastError, Tried, Watch,
-    cast_adaptive_rays, cast_rays, look_and_cast,
+    cast_adaptive_rays, cast_rays, look_and_cast, serves_adaptive_rays,
 };
 use mcvr_scene::{Camera, Density, Estimand, Extent, Image, View};
 use mcvr_volume::Grid;
@@ -288,6 +288,7 @@ fn unusable_options_are_refused() {
     let wide = density(grid.clone(), vec![1u32; grid.len()]);
     let refused = cast_adaptive_rays(&wide, &camera, &base, &Watch::default()).unwrap_err();
     assert_eq!(refused, RaycastError::Packets);
+    assert!(serves_adaptive_rays(&d) && !serves_adaptive_rays(&wide));
     assert!(refused.to_string().contains("8 and 16 bits"), "{refused}");
     let stop = AtomicBool::new(true);
     let cancelled = Watch { cancel: Some(&stop), ..Watch::default() };

@@ -9,7 +9,7 @@ use mcvr_sampling::{ProjectOptions, VoxelOrder, project_cloud};
 use mcvr_scene::Watch;
 use rayon::ThreadPool;
 
-use crate::{Method, Request, Scenery, draw_cloud, make};
+use crate::{Adaptive, Method, Request, Scenery, draw_cloud, make};
 
 /// What enters.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,6 +24,9 @@ pub enum Contestant {
     Rays,
     /// Combs of samples this many voxels apart; the budget counts rays.
     Comb(f64),
+    /// Rays where the image needs them, exact in depth or by combs of samples this many voxels apart; the budget is 1 over the error that may be
+    /// left between them.
+    Adaptive(Option<f64>),
     /// Footprints of all voxels; the budget is 1 and plays no part.
     Footprint,
     /// Whatever the program chooses; the budget is 1 over the error asked for.
@@ -45,7 +48,7 @@ pub struct Timed<'a> {
 }
 
 impl Contestant {
-    /// Stable name: `mc`, `qmc`, `qmc-cloud`, `march`, `march-0p5`, `rays`, `comb-4`, `footprint`, `auto`, `exact`.
+    /// Stable name: `mc`, `qmc`, `qmc-cloud`, `march`, `march-0p5`, `rays`, `comb-4`, `adaptive`, `adaptive-comb-4`, `footprint`, `auto`, `exact`.
     pub fn name(self) -> String {
         match self {
             Contestant::Sampler(method) => method.name().to_owned(),
@@ -54,6 +57,8 @@ impl Contestant {
             Contestant::March(step) => format!("march-{}", step.to_string().replace('.', "p")),
             Contestant::Rays => "rays".to_owned(),
             Contestant::Comb(step) => format!("comb-{}", step.to_string().replace('.', "p")),
+            Contestant::Adaptive(None) => "adaptive".to_owned(),
+            Contestant::Adaptive(Some(step)) => format!("adaptive-comb-{}", step.to_string().replace('.', "p")),
             Contestant::Footprint => Method::Footprint.name().to_owned(),
             Contestant::Auto => "auto".to_owned(),
             Contestant::Exact => "exact".to_owned(),
@@ -68,6 +73,8 @@ impl Contestant {
             Contestant::March(step) => format!("ray march, {step}-voxel step"),
             Contestant::Rays => Method::Rays.label().to_owned(),
             Contestant::Comb(step) => format!("comb, {step} voxels apart"),
+            Contestant::Adaptive(None) => "adaptive rays".to_owned(),
+            Contestant::Adaptive(Some(step)) => format!("adaptive comb, {step} voxels apart"),
             Contestant::Footprint => Method::Footprint.label().to_owned(),
             Contestant::Auto => Method::Auto.label().to_owned(),
             Contestant::Exact => Method::Exact.label().to_owned(),
@@ -144,6 +151,7 @@ impl mcvr_harness::Method for Timed<'_> {
             Contestant::March(_)
             | Contestant::Rays
             | Contestant::Comb(_)
+            | Contestant::Adaptive(_)
             | Contestant::Footprint
             | Contestant::Auto
             | Contestant::Exact => None,
@@ -157,6 +165,11 @@ impl mcvr_harness::Method for Timed<'_> {
             Contestant::March(step) => self.image(&Request { method: Method::March, step, ..request }),
             Contestant::Rays => self.image(&Request { method: Method::Rays, ..request }),
             Contestant::Comb(step) => self.image(&Request { method: Method::Comb, step, ..request }),
+            Contestant::Adaptive(comb) => {
+                let adaptive = Some(Adaptive::leaving(1.0 / samples as f64));
+                let method = if comb.is_some() { Method::Comb } else { Method::Rays };
+                self.image(&Request { method, step: comb.unwrap_or(request.step), adaptive, ..request })
+            }
             Contestant::Footprint => self.image(&Request { method: Method::Footprint, ..request }),
             Contestant::Auto => self.image(&Request { method: Method::Auto, error: 1.0 / samples as f64, ..request }),
             Contestant::Exact => {
@@ -171,7 +184,7 @@ impl mcvr_harness::Method for Timed<'_> {
             Contestant::Sampler(_) | Contestant::Cloud => "samples",
             Contestant::March(_) | Contestant::Rays | Contestant::Comb(_) => "rays",
             Contestant::Footprint => "images",
-            Contestant::Auto => "1/error",
+            Contestant::Auto | Contestant::Adaptive(_) => "1/error",
             Contestant::Exact => "1/tolerance",
         }
     }

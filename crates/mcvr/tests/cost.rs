@@ -26,7 +26,19 @@ fn every_method_is_measured_on_both_numbers_of_threads_and_gives_the_same_images
     assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
     let found = summary(folder.path(), "run");
     let points = found["points"].as_array().unwrap();
-    let names = ["mc", "stratified", "qmc", "march-2", "march", "march-0p5", "exact", "qmc-cloud", "mc-quicksort"];
+    let names = [
+        "mc",
+        "stratified",
+        "qmc",
+        "march-2",
+        "march",
+        "march-0p5",
+        "exact",
+        "qmc-cloud",
+        "mc-quicksort",
+        "adaptive",
+        "adaptive-comb-2",
+    ];
     for name in names {
         for threads in [1, 2] {
             let mine = points.iter().filter(|p| p["method"] == name && p["threads"] == threads && p["size"] == "36x24");
@@ -86,6 +98,8 @@ fn what_cannot_be_measured_is_said_and_nothing_is_written() {
         (&["phantom:lobster@8", "--shade", "--methods", "qmc,cloud"], "leave out cloud"),
         (&["phantom:lobster@8", "--shade", "--methods", "rays"], "leave out rays"),
         (&["phantom:lobster@8", "--kernel", "box", "--methods", "footprint"], "kernel tent"),
+        (&["phantom:lobster@8", "--kernel", "box", "--methods", "adaptive"], "leave out adaptive"),
+        (&["phantom:lobster@8", "--shade", "--methods", "qmc,adaptive"], "leave out adaptive"),
         (&["phantom:lobster@8", "--samples", "2^63"], "samples"),
     ] {
         let out = cost(folder.path(), &[args, &["-o", "run"]].concat());
@@ -100,7 +114,7 @@ fn what_cannot_be_measured_is_said_and_nothing_is_written() {
     let measured = summary(folder.path(), "lit");
     let of = |name: &str| measured["points"].as_array().unwrap().iter().filter(|p| p["method"] == name).count();
     assert!(of("mc") > 0 && of("comb-4") > 0);
-    assert!(["rays", "footprint", "qmc-cloud"].iter().all(|name| of(name) == 0));
+    assert!(["rays", "adaptive", "adaptive-comb-4", "footprint", "qmc-cloud"].iter().all(|name| of(name) == 0));
     let unknown = cost(folder.path(), &["phantom:lobster@8", "--methods", "radon", "-o", "run"]);
     assert_eq!(unknown.status.code(), Some(2));
 }

@@ -138,6 +138,11 @@ pub fn cast_adaptive_rays(
     finished(made, camera, watch, start)
 }
 
+/// Whether adaptive rays serve a density: those of `tent` that are cast sixteen at a time.
+pub fn serves_adaptive_rays(density: &Density) -> bool {
+    Packets::new(density).serve()
+}
+
 /// A camera with the margin in which rays are cast.
 fn wide(camera: &Camera) -> Result<Camera, RaycastError> {
     camera.in_blocks(1, MARGIN).map_err(|e| RaycastError::Image(e.to_string()))

@@ -49,6 +49,11 @@ impl<'a> Packets<'a> {
         Self { density, level: SimdLevel::detect() }
     }
 
+    /// Whether they serve the density.
+    pub fn serve(&self) -> bool {
+        with_corners(self.density, Nothing).is_some()
+    }
+
     /// The same on other instructions.
     #[cfg(test)]
     pub fn on(self, level: SimdLevel) -> Self {
@@ -65,6 +70,15 @@ impl<'a> Packets<'a> {
     pub fn look<V: Look>(&self, camera: &Camera, estimand: Estimand, watch: &Watch, visit: V) -> Option<V::Out> {
         with_corners(self.density, Parts { packets: self, camera, estimand, watch, visit })
     }
+}
+
+/// Looks at nothing.
+struct Nothing;
+
+impl<'a> Visit<'a> for Nothing {
+    type Out = ();
+
+    fn run<T: Voxel, W: Weights<T> + Send + 'a>(self, _: Corners<'a, T, W>) {}
 }
 
 /// Four by four rays at even distances: column and row among the squares that tile the image.

@@ -7,8 +7,9 @@ use std::sync::atomic::AtomicBool;
 use anyhow::{Context, bail};
 use mcvr::harness::cost::{CostMeta, CostOptions, CostRun, Entrant, Subject, cost_lines, read_peers};
 use mcvr::harness::{self, RunWatch, Truth};
+use mcvr::raycast::{RaycastError, serves_adaptive_rays};
 use mcvr::sampling::check_samples;
-use mcvr::scene::{Camera, Density, Extent};
+use mcvr::scene::{Camera, Density, Extent, Kernel};
 use mcvr::{Contestant, Method, Scenery, Timed};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
@@ -38,8 +39,8 @@ pub struct Args {
     #[arg(long, value_name = "LIST", value_delimiter = ',', help_heading = "Volume")]
     sizes: Vec<usize>,
     /// Methods: mc, mc-quicksort, mc-binary, mc-linear, stratified, qmc, cloud (kept points, projected), rays, comb, march,
-    /// footprint, auto (whatever is chosen for each error), exact [default: all but mc-binary and mc-linear; rays, cloud and footprint
-    /// where there are no effects, footprint for tent]
+    /// adaptive (rays and combs where the image needs them), footprint, auto (whatever is chosen for each error), exact [default: all
+    /// but mc-binary and mc-linear; rays, adaptive, cloud and footprint where there are no effects, adaptive and footprint for tent]
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = entry, help_heading = "Method")]
     methods: Option<Vec<Entry>>,
     /// Sample counts, tried from small to large until an image takes too long
@@ -53,7 +54,7 @@ pub struct Args {
     /// March: steps in voxels, each with 1, 4, 9 and 16 rays a pixel
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "2,1,0.5", help_heading = "Method")]
     steps: Vec<f64>,
-    /// Comb: distances of samples in voxels, each with 1, 4 and 9 rays a pixel and with one ray for 4, 9 and 16 pixels
+    /// Comb: distances of samples in voxels, each with 1, 4 and 9 rays a pixel, with one ray for 4, 9 and 16 pixels, and adaptive
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "8,4,2", help_heading = "Method")]
     combs: Vec<f64>,
     /// Exact: tolerances
@@ -88,6 +89,7 @@ enum Entry {
     Cloud,
     Rays,
     Comb,
+    Adaptive,
     Footprint,
     March,
     Auto,
@@ -100,6 +102,7 @@ fn entry(text: &str) -> Result<Entry, String> {
         "march" => Ok(Entry::March),
         "rays" => Ok(Entry::Rays),
         "comb" => Ok(Entry::Comb),
+        "adaptive" => Ok(Entry::Adaptive),
         "footprint" => Ok(Entry::Footprint),
         "auto" => Ok(Entry::Auto),
         "exact" => Ok(Entry::Exact),
@@ -123,6 +126,10 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
         let volume = VolumeArgs { input: Some(input.clone()), ..args.volume.clone() };
         let setup = subject_setup(args, if args.sizes.is_empty() { &args.volume } else { &volume })?;
         let density = Density::new(&setup.scenery.volume, setup.scenery.map.clone())?;
+        let packets = serves_adaptive_rays(&density);
+        if !packets && args.methods.as_ref().is_some_and(|m| m.contains(&Entry::Adaptive)) {
+            bail!("--methods: {}; leave out adaptive", RaycastError::Packets);
+        }
         // Read before the folder is claimed: a record of something else stops the run at once.
         let peers = args.peers.as_ref().map(|path| read_peers(path, &subject(&setup, density.mass()))).transpose()?;
         let cost = match &mut run {
@@ -143,7 +150,7 @@ pub fn run(args: &Args, quiet: bool) -> anyhow::Result<()> {
             }
             other => other?,
         };
-        complete = measure(cost, args, &setup, &name, &truth, &samples, &pools, &cancel, quiet)?;
+        complete = measure(cost, args, (&setup, packets), &name, &truth, &samples, &pools, &cancel, quiet)?;
         if !complete {
             break;
         }
@@ -228,6 +235,11 @@ fn subject_setup(args: &Args, volume: &VolumeArgs) -> anyhow::Result<Setup> {
     if asked(Entry::Rays) && !serves(Entry::Rays, &setup) {
         bail!("--methods: exact rays know no effects; leave out rays, or the effects");
     }
+    if asked(Entry::Adaptive) && !serves(Entry::Adaptive, &setup) {
+        bail!(
+            "--methods: adaptive rays make plain X-rays of kernel tent; leave out adaptive, or the effects and --kernel"
+        );
+    }
     if asked(Entry::Footprint) && !serves(Entry::Footprint, &setup) {
         bail!(
             "--methods: footprint makes plain X-rays of kernel tent; leave out footprint, or the effects and --kernel"
@@ -269,12 +281,13 @@ fn options(args: &Args, setup: &Setup, density: &Density, lanes: &[usize]) -> an
 }
 
 /// The methods of a run that names none, where they serve the scene.
-const METHODS: [Entry; 11] = [
+const METHODS: [Entry; 12] = [
     Entry::Sampler(Method::Mc),
     Entry::Sampler(Method::Stratified),
     Entry::Sampler(Method::Qmc),
     Entry::Rays,
     Entry::Comb,
+    Entry::Adaptive,
     Entry::Footprint,
     Entry::March,
     Entry::Auto,
@@ -288,16 +301,17 @@ fn serves(entry: Entry, setup: &Setup) -> bool {
     let plain = setup.scenery.effects.is_plain();
     match entry {
         Entry::Cloud | Entry::Rays => plain,
+        Entry::Adaptive => plain && setup.request.kernel == Kernel::Tent,
         Entry::Footprint => plain && Method::Footprint.knows(setup.request.kernel),
         _ => true,
     }
 }
 
-/// The contestants of the options, in their order.
-fn contestants(args: &Args, setup: &Setup) -> Vec<Contestant> {
+/// The contestants of the options, in their order; `packets` where adaptive rays serve the density.
+fn contestants(args: &Args, setup: &Setup, packets: bool) -> Vec<Contestant> {
     let entries = match &args.methods {
         Some(asked) => asked.clone(),
-        None => METHODS.into_iter().filter(|e| serves(*e, setup)).collect(),
+        None => METHODS.into_iter().filter(|e| serves(*e, setup) && (packets || *e != Entry::Adaptive)).collect(),
     };
     entries
         .iter()
@@ -309,6 +323,10 @@ fn contestants(args: &Args, setup: &Setup) -> Vec<Contestant> {
             Entry::Footprint => vec![Contestant::Footprint],
             Entry::Auto => vec![Contestant::Auto],
             Entry::Comb => args.combs.iter().map(|&s| Contestant::Comb(s)).collect(),
+            Entry::Adaptive => {
+                let combs = args.combs.iter().map(|&s| Some(s));
+                combs.chain([None]).map(Contestant::Adaptive).collect()
+            }
             Entry::March => args.steps.iter().map(|&s| Contestant::March(s)).collect(),
         })
         .collect()
@@ -328,7 +346,9 @@ fn ladder(args: &Args, setup: &Setup, contestant: Contestant, samples: &[u64], p
             blocks.iter().map(|of| pixels.div_ceil(*of)).chain(rays).collect()
         }
         Contestant::Footprint => vec![1],
-        Contestant::Auto => args.targets.iter().map(|percent| (100.0 / percent).round() as u64).collect(),
+        Contestant::Auto | Contestant::Adaptive(_) => {
+            args.targets.iter().map(|percent| (100.0 / percent).round() as u64).collect()
+        }
         Contestant::Exact => args.tolerances.iter().map(|t| (1.0 / t).round() as u64).collect(),
     };
     budgets.sort_unstable();
@@ -340,7 +360,7 @@ fn ladder(args: &Args, setup: &Setup, contestant: Contestant, samples: &[u64], p
 fn measure(
     run: &mut CostRun,
     args: &Args,
-    setup: &Setup,
+    (setup, packets): (&Setup, bool),
     name: &str,
     truth: &Truth,
     samples: &[u64],
@@ -367,8 +387,10 @@ fn measure(
         }
         let timed: Vec<(Contestant, usize, Timed<'_>)> = pools
             .iter()
-            .flat_map(|pool| contestants(args, setup).into_iter().map(move |c| (c, pool)))
-            .filter(|(c, _)| truth.is_some() || !matches!(c, Contestant::Exact | Contestant::Auto))
+            .flat_map(|pool| contestants(args, setup, packets).into_iter().map(move |c| (c, pool)))
+            .filter(|(c, _)| {
+                truth.is_some() || !matches!(c, Contestant::Exact | Contestant::Auto | Contestant::Adaptive(_))
+            })
             .map(|(c, pool)| (c, pool.current_num_threads(), Timed::new(c, scenery, setup.request, pool, Some(cancel))))
             .collect();
         let entrants: Vec<Entrant<'_>> = timed

@@ -4,7 +4,8 @@ use mcvr_sampling::{Cloud, Counters, Distribution, Provenance, SamplingError, Vo
 use mcvr_scene::{Density, DensityMap, Watch};
 use mcvr_volume::Volume;
 
-use crate::make::{MakeError, check, point_stream};
+use crate::make::MakeError;
+use crate::request::{check, point_stream};
 use crate::{Method, Request};
 
 /// Draws the points that [`make`](crate::make()) would project, and keeps them. The estimand plays no part: a cloud

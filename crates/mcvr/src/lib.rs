@@ -39,18 +39,20 @@ mod memory;
 mod method;
 pub mod plan;
 mod refine;
+mod request;
 mod scene_file;
 
 pub use cloud::draw_cloud;
 pub use cloud_file::{CloudFileError, is_cloud, read_cloud, write_cloud, write_ply};
 pub use detector::{Detector, DetectorError};
 pub use entrants::{Contestant, Timed};
-pub use make::{Adaptive, Made, MakeError, Request, Scenery, make, make_first, make_of};
+pub use make::{Made, MakeError, Scenery, make, make_first, make_of};
 pub use matrix_file::{MatrixFileError, read_matrix};
 pub use measured::Measured;
 pub use memory::keep_freed_memory;
 pub use method::Method;
 pub use refine::{MadeRefined, Refinement, refine};
+pub use request::{Adaptive, Request};
 pub use scene_file::{
     CameraSection, ErrorSection, ImageSection, PixelSection, SamplingSection, SceneFile, SceneFileError, VolumeSection,
 };

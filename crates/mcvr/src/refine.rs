@@ -14,7 +14,8 @@ use serde::Serialize;
 use serde_json::json;
 
 use crate::Method;
-use crate::make::{Made, MakeError, Request, Scenery, check_finite};
+use crate::make::{Made, MakeError, Scenery, check_finite};
+use crate::request::Request;
 
 /// How an image is to be refined. The request's own number of samples plays no part: [`Limits`] has it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

@@ -17,7 +17,7 @@ use mcvr_refine::Goal;
 use mcvr_scene::{Density, Kernel, Look, Watch};
 use serde::Serialize;
 
-use crate::make::footprint_options;
+use crate::request::footprint_options;
 use crate::{Adaptive, MakeError, Method, Request, Scenery};
 use costs::Costs;
 

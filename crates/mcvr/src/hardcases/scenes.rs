@@ -9,7 +9,7 @@ use mcvr_scene::{Camera, Density, DensityMap, Estimand, Extent, Image, Kernel, W
 use mcvr_volume::{Grid, Volume, Voxel};
 
 use super::CaseError;
-use crate::make::point_stream;
+use crate::request::point_stream;
 use crate::{Made, Method, Request, Scenery, make};
 
 /// Kernels that can be integrated along rays.

@@ -8,7 +8,7 @@ use serde_json::json;
 use super::effects::per_sample;
 use super::sampled::{draws, sampled, weight_bytes};
 use super::{Forecast, LeftOut, Pass, Plan, film_pass, grouped};
-use crate::make::footprint_options;
+use crate::request::footprint_options;
 use crate::{MakeError, Method, Request, Scenery};
 
 /// Plans the image that [`make`](crate::make()) will make, without reading a voxel.
@@ -16,7 +16,7 @@ use crate::{MakeError, Method, Request, Scenery};
 /// # Errors
 /// [`MakeError`] for what [`make`](crate::make()) refuses as well, as far as it shows without reading voxels.
 pub fn plan(scenery: &Scenery, request: &Request, film: &Film) -> Result<Plan, MakeError> {
-    crate::make::check(request)?;
+    crate::request::check(request)?;
     film.check()?;
     let grid = scenery.volume.grid();
     let look = scenery.effects.look(grid, &scenery.camera)?;
@@ -77,7 +77,7 @@ fn cast(scenery: &Scenery, request: &Request, look: &Look, passes: &mut Vec<Pass
     let exact = request.method == Method::Rays;
     let prefix = if march { "march" } else { "reference" };
     let each = if march {
-        u64::from(crate::make::rays_per_pixel(request.samples, &scenery.camera, request.jitter))
+        u64::from(crate::request::rays_per_pixel(request.samples, &scenery.camera, request.jitter))
     } else {
         0
     };
@@ -86,7 +86,7 @@ fn cast(scenery: &Scenery, request: &Request, look: &Look, passes: &mut Vec<Pass
     let finest = 4 * u64::from(mcvr_raycast::AdaptiveOptions::RAYS_LIMIT) / 3 + 2;
     // Means over pixels need the rays of a margin of two pixels.
     let averages = matches!(request.method, Method::Rays | Method::Comb) && !request.jitter && look.is_plain();
-    let block = if averages { crate::make::block(request.samples, &scenery.camera) } else { 1 };
+    let block = if averages { crate::request::block(request.samples, &scenery.camera) } else { 1 };
     let across = |pixels: usize| pixels.div_ceil(block as usize) as u64 + 4;
     let Extent { width, height } = scenery.camera.extent();
     let cast = if averages { across(width) * across(height) } else { pixels };

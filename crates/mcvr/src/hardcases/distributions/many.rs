@@ -11,7 +11,7 @@ use num_bigint::BigUint;
 use super::exact::{end_of, whole};
 use super::{Bound, Case, CaseError, Context, Cost, Finding, Group, density};
 use crate::hardcases::support::block_of;
-use crate::make::point_stream;
+use crate::request::point_stream;
 use crate::{Method, Request};
 
 pub(super) const CASES: &[Case] = &[

@@ -10,7 +10,7 @@ use mcvr_volume::{Grid, Volume, Voxel};
 
 use super::{Bound, Case, CaseError, Context, Cost, Finding, Group, exact, row};
 use crate::hardcases::support::{SAMPLERS, budget};
-use crate::make::point_stream;
+use crate::request::point_stream;
 use crate::{Request, Scenery, make};
 
 pub(super) const CASES: &[Case] = &[

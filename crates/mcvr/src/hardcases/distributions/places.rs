@@ -7,7 +7,7 @@ use mcvr_volume::{Grid, Volume};
 use super::{Bound, Case, CaseError, Context, Cost, Finding, Group, density};
 use crate::Request;
 use crate::hardcases::support::{SAMPLERS, budget};
-use crate::make::point_stream;
+use crate::request::point_stream;
 
 pub(super) const CASES: &[Case] = &[
     Case {

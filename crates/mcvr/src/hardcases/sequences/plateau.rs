@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 use super::{Bound, Case, CaseError, Context, Cost, Finding, Group};
 use crate::hardcases::support::block_of;
-use crate::make::point_stream;
+use crate::request::point_stream;
 use crate::{Method, Request};
 
 pub(super) const CASES: &[Case] = &[

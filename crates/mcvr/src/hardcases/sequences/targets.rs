@@ -7,7 +7,7 @@ use mcvr_volume::{Grid, Volume};
 
 use super::{Bound, Case, CaseError, Context, Cost, Finding, Group, SAMPLES, SEEDS, nets, probes};
 use crate::hardcases::support::{SAMPLERS, block_of, budget};
-use crate::make::point_stream;
+use crate::request::point_stream;
 use crate::{Method, Request, Scenery, make};
 
 pub(super) const CASES: &[Case] = &[

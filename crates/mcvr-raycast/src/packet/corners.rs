@@ -167,6 +167,9 @@ impl<T: Whole> Weights<T> for Table {
     }
 }
 
+/// Bytes of volumes that stay in the inner caches.
+const NEAR: usize = 1 << 19;
+
 /// Voxels with their weights, for packets.
 pub(crate) struct Corners<'a, T, W> {
     voxels: &'a [T],
@@ -273,6 +276,21 @@ impl<'a, T: Voxel, W: Weights<T>> Corners<'a, T, W> {
                 S::load(&rows[7]),
             ]
         }
+    }
+
+    /// Whether the voxels are too many for the inner caches.
+    pub fn far(&self) -> bool {
+        size_of_val(self.voxels) > NEAR
+    }
+
+    /// Asks for the first voxels of cells, wherever they are.
+    ///
+    /// # Safety
+    /// As [`Simd`].
+    #[inline(always)]
+    pub unsafe fn prefetch<S: Simd>(&self, base: S::I) {
+        // SAFETY: the caller's promise, passed on.
+        unsafe { S::prefetch(self.voxels.as_ptr(), base) }
     }
 
     /// Reads the cells at the border voxel by voxel.

@@ -1,19 +1,16 @@
-//! Images by packets: tiles of pixels, the rays of their pixels, packets of rays.
+//! Images by packets: rows of tiles of pixels, or squares of rays, each on one thread.
 
-use std::ops::Range;
-
-use mcvr_scene::{Camera, Density, Estimand, Extent, Image, Watch};
+use mcvr_scene::{Camera, Density, Estimand, Image, Watch};
 use mcvr_volume::{SimdLevel, Voxel};
 use rayon::prelude::*;
 
+use super::band::{BATCH, Band, Places, What};
 use super::beam::Optics;
 use super::corners::{Corners, Weights};
-use super::lanes::{LANES, Portable, Simd};
+use super::lanes::LANES;
 use super::tiles::{TILE, Tiles};
-use super::trace::{Work, cells, comb};
+use super::trace::Work;
 use super::weigh::{Visit, with_corners};
-#[cfg(target_arch = "x86_64")]
-use super::x86::{Avx2, Avx512};
 use crate::Counters;
 use crate::points::Points;
 use crate::view::View;
@@ -40,9 +37,6 @@ pub(crate) struct Packets<'a> {
     density: &'a Density,
     level: SimdLevel,
 }
-
-/// Gaps in depth that are not worth a new start, in samples of a comb or in voxels.
-const GAP: f64 = 4.0;
 
 impl<'a> Packets<'a> {
     pub fn new(density: &'a Density) -> Self {
@@ -146,16 +140,16 @@ impl<'a, 'w, T: Voxel, W: Weights<T>> Ready<'a, 'w, T, W> {
         Optics::new(&self.view, &self.tiles, spacing)
     }
 
-    /// Casts all pixels of a row of tiles, or the places of a strip, into `out`.
-    fn cast(&self, (along, optics): (Along, &Optics), what: &What<'_>, out: &mut [f64]) -> (Counters, Work) {
+    /// Casts all pixels of a row of tiles, or the rays of places.
+    fn cast(&self, (along, optics): (Along, &Optics), mut what: What<'_>) -> (Counters, Work) {
         let extent = self.camera.extent();
         let band = Band { field: self.field, optics, tiles: &self.tiles, extent, watch: self.watch };
         let mut work = (Counters::default(), Work::default());
         match (along == Along::Exact, self.view.squared()) {
-            (false, false) => band.run::<false, false>(self.level, what, out, &mut work),
-            (false, true) => band.run::<false, true>(self.level, what, out, &mut work),
-            (true, false) => band.run::<true, false>(self.level, what, out, &mut work),
-            (true, true) => band.run::<true, true>(self.level, what, out, &mut work),
+            (false, false) => band.run::<false, false>(self.level, &mut what, &mut work),
+            (false, true) => band.run::<false, true>(self.level, &mut what, &mut work),
+            (true, false) => band.run::<true, false>(self.level, &mut what, &mut work),
+            (true, true) => band.run::<true, true>(self.level, &mut what, &mut work),
         }
         work
     }
@@ -185,12 +179,16 @@ impl<'a, T: Voxel, W: Weights<T> + Send + 'a> Cast for Ready<'a, '_, T, W> {
                 (px[l], py[l]) = ((x as f64 + 0.5) * pitch, (y as f64 + 0.5) * pitch);
                 phases[l] = points.of(x, y, 0)[2];
             }
-            let places = Places::new(px, py, phases, &self.tiles);
-            let mut values = [0.0; LANES];
-            let work = self.cast((along, &optics), &What::Places(&places), &mut values);
-            (Seen { values, noise: work.1.turns / LANES as f64 }, work)
+            Places::new(px, py, phases, &self.tiles)
         };
-        let (seen, work): (Vec<_>, Vec<_>) = squares.par_iter().with_min_len(8).map(one).unzip();
+        let mut seen = vec![Seen { values: [0.0; LANES], noise: 0.0 }; squares.len()];
+        let side_by_side = squares.len().div_ceil(4 * rayon::current_num_threads()).clamp(4, BATCH);
+        let parts = squares.par_chunks(side_by_side).zip(seen.par_chunks_mut(side_by_side));
+        let cast = |(squares, seen): (&[Square], &mut [Seen])| {
+            let places: Vec<Places> = squares.iter().map(one).collect();
+            self.cast((along, &optics), What::Places(&places, seen))
+        };
+        let work: Vec<_> = parts.map(cast).collect();
         (seen, self.sum(work))
     }
 }
@@ -213,7 +211,7 @@ impl<'a> Visit<'a> for Whole<'_, '_> {
         let mut image = Image::zeros(camera.extent());
         let rows = image.values_mut().par_chunks_mut(TILE * width).enumerate().with_max_len(1);
         let work = rows.map(|(row, out)| {
-            let work = ready.cast((plan.along, &optics), &What::Row(row, &plan.points), &mut *out);
+            let work = ready.cast((plan.along, &optics), What::Row(row, &plan.points, &mut *out));
             watch.advance((out.len() / width) as u64);
             work
         });
@@ -237,180 +235,5 @@ impl<'a, V: Look> Visit<'a> for Parts<'_, '_, V> {
         let Self { packets, camera, estimand, watch, visit } = self;
         let ready = Ready::new(packets, &field, camera, estimand, watch);
         visit.run(&ready.tiles.occupied(), &ready)
-    }
-}
-
-/// Which rays are cast.
-enum What<'w> {
-    /// Those of all pixels of a row of tiles.
-    Row(usize, &'w Points),
-    /// Those through places of the image.
-    Places(&'w Places),
-}
-
-/// Places of an image, the phases of the samples there, and the tiles where they are.
-struct Places {
-    x: [f64; LANES],
-    y: [f64; LANES],
-    phases: [f64; LANES],
-    columns: Range<usize>,
-    rows: Range<usize>,
-}
-
-impl Places {
-    fn new(x: [f64; LANES], y: [f64; LANES], phases: [f64; LANES], tiles: &Tiles) -> Self {
-        let (columns, rows) = (tiles.met(&x, 0), tiles.met(&y, 1));
-        Self { x, y, phases, columns, rows }
-    }
-}
-
-/// What the tiles of an image share.
-struct Band<'a, 'w, T, W> {
-    field: &'w Corners<'a, T, W>,
-    optics: &'w Optics,
-    tiles: &'w Tiles,
-    extent: Extent,
-    watch: &'w Watch<'w>,
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2,avx512f,avx512dq,avx512vl")]
-fn run_avx512<T: Voxel, W: Weights<T>, const EXACT: bool, const SQUARED: bool>(
-    band: &Band<'_, '_, T, W>,
-    what: &What<'_>,
-    out: &mut [f64],
-    work: &mut (Counters, Work),
-) {
-    // SAFETY: this function has the instructions.
-    unsafe { band.cast::<Avx512, EXACT, SQUARED>(what, out, work) }
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn run_avx2<T: Voxel, W: Weights<T>, const EXACT: bool, const SQUARED: bool>(
-    band: &Band<'_, '_, T, W>,
-    what: &What<'_>,
-    out: &mut [f64],
-    work: &mut (Counters, Work),
-) {
-    // SAFETY: this function has the instructions.
-    unsafe { band.cast::<Avx2, EXACT, SQUARED>(what, out, work) }
-}
-
-impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
-    fn run<const EXACT: bool, const SQUARED: bool>(
-        &self,
-        level: SimdLevel,
-        what: &What<'_>,
-        out: &mut [f64],
-        work: &mut (Counters, Work),
-    ) {
-        match level {
-            // SAFETY: plain Rust needs no instructions.
-            SimdLevel::Portable => unsafe { self.cast::<Portable, EXACT, SQUARED>(what, out, work) },
-            // SAFETY: levels name only what the processor has (`SimdLevel::available`).
-            #[cfg(target_arch = "x86_64")]
-            SimdLevel::Avx2 => unsafe { run_avx2::<T, W, EXACT, SQUARED>(self, what, out, work) },
-            // SAFETY: as above.
-            #[cfg(target_arch = "x86_64")]
-            SimdLevel::Avx512 => unsafe { run_avx512::<T, W, EXACT, SQUARED>(self, what, out, work) },
-            // SAFETY: as for the first.
-            #[cfg(not(target_arch = "x86_64"))]
-            _ => unsafe { self.cast::<Portable, EXACT, SQUARED>(what, out, work) },
-        }
-    }
-
-    /// # Safety
-    /// As [`Simd`].
-    #[inline(always)]
-    unsafe fn cast<S: Simd, const EXACT: bool, const SQUARED: bool>(
-        &self,
-        what: &What<'_>,
-        out: &mut [f64],
-        (counters, work): &mut (Counters, Work),
-    ) {
-        let rays = if let What::Row(_, points) = what { points.rays() as usize } else { 1 };
-        let share = 1.0 / rays as f64;
-        let squared = if SQUARED { 1.0 / (self.optics.nearness * self.optics.nearness) } else { 1.0 };
-        let scale = squared * self.field.unit();
-        let gap = GAP * self.optics.spacing;
-        let (width, height) = (self.extent.width, self.extent.height);
-        let columns = if let What::Row(..) = what { 0..width.div_ceil(TILE) } else { 0..1 };
-        for column in columns {
-            let pieces = match what {
-                What::Row(row, _) => self.tiles.pieces(column, *row, gap),
-                What::Places(p) => self.tiles.pieces_of(&p.columns, &p.rows, gap),
-            };
-            if pieces.all().is_empty() || self.watch.cancelled() {
-                continue;
-            }
-            // Pixels of the tile in blocks of four by four.
-            let mut places = [(0usize, 0usize); TILE * TILE];
-            let mut pixels = LANES;
-            if let What::Row(row, _) = what {
-                pixels = 0;
-                let (wide, high) = (width - column * TILE, height - row * TILE);
-                for n in 0..TILE * TILE {
-                    let (x, y) = ((n & 3) | (n >> 2 & 4), (n >> 2 & 3) | (n >> 3 & 4));
-                    if x < wide && y < high {
-                        places[pixels] = (x, y);
-                        pixels += 1;
-                    }
-                }
-            }
-            let all = pixels * rays;
-            counters.rays += all as u64;
-            let mut n = 0;
-            // Pixel and ray of lane 0.
-            let (mut pixel, mut ray) = (0, 0);
-            while n < all {
-                let used = LANES.min(all - n);
-                let (mut px, mut py, mut phase) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-                let mut owners = [0usize; LANES];
-                match what {
-                    What::Row(row, points) => {
-                        for l in 0..LANES {
-                            let (x, y) = places[pixel];
-                            let at = (column * TILE + x, row * TILE + y);
-                            let [dx, dy, p] = points.of(at.0, at.1, ray as u32);
-                            (px[l], py[l], phase[l]) = (at.0 as f64 + dx, at.1 as f64 + dy, p);
-                            owners[l] = y * width + at.0;
-                            if l + 1 < used {
-                                ray += 1;
-                                if ray == rays {
-                                    (pixel, ray) = (pixel + 1, 0);
-                                }
-                            }
-                        }
-                        (pixel, ray) = if ray + 1 == rays { (pixel + 1, 0) } else { (pixel, ray + 1) };
-                    }
-                    What::Places(p) => {
-                        (px, py, phase) = (p.x, p.y, p.phases);
-                        owners = std::array::from_fn(|l| l);
-                    }
-                }
-                let mut beam = self.optics.beam(&px, &py, &phase);
-                for l in used..LANES {
-                    beam.from[l] = f64::INFINITY;
-                }
-                let mut sums = [[0.0f64; LANES]; 2];
-                for piece in pieces.all() {
-                    // SAFETY: the caller's promise, passed on.
-                    unsafe {
-                        if EXACT {
-                            cells::<S, T, W, SQUARED>(self.field, &beam, *piece, &mut sums[0], work);
-                        } else {
-                            comb::<S, T, W, SQUARED>(self.field, &beam, *piece, &mut sums, work);
-                        }
-                    }
-                }
-                for l in 0..used {
-                    out[owners[l]] += sums[0][l] * beam.factor[l] * (scale * share);
-                    let turns = sums[1][l] * beam.factor[l] * scale;
-                    work.turns += turns * turns;
-                }
-                n += used;
-            }
-        }
     }
 }

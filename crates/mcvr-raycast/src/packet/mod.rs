@@ -8,6 +8,7 @@
 //! What packets do not serve (other kernels than `tent`, voxels of `u32`, `i32` and `f64`, maps of `f32` that are no line, 2^31 voxels and more,
 //! weights beyond `f32`) goes ray by ray in [`crate::march`] and [`crate::Integrator`].
 
+mod band;
 mod beam;
 mod corners;
 mod driver;

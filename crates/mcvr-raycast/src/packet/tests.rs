@@ -3,6 +3,8 @@
 use mcvr_scene::{Camera, Density, DensityMap, Estimand, Extent, Kernel, Transfer, View, Watch};
 use mcvr_volume::{Grid, SimdLevel, Volume, Voxel};
 
+use super::corners::{Corners, Weights};
+use super::weigh::{Visit, with_corners};
 use super::{Along, Packets, Plan};
 use crate::points::Points;
 use crate::{Counters, Integrator};
@@ -15,7 +17,10 @@ fn value(i: usize, dims: [usize; 3]) -> u64 {
 }
 
 fn density<T: Voxel>(map: DensityMap, spacing: [f64; 3], make: impl Fn(u64) -> T) -> Density {
-    let dims = [37, 29, 41];
+    density_of([37, 29, 41], map, spacing, make)
+}
+
+fn density_of<T: Voxel>(dims: [usize; 3], map: DensityMap, spacing: [f64; 3], make: impl Fn(u64) -> T) -> Density {
     let voxels = (0..dims.iter().product()).map(|i| make(value(i, dims))).collect();
     let volume = Volume::from_vec(Grid::with_spacing(dims, spacing).unwrap(), voxels, "blobs").unwrap();
     Density::new(&volume, map).unwrap()
@@ -157,6 +162,54 @@ fn combs_are_unbiased_at_any_distance_and_fine_ones_converge() {
             }
             assert!(last < 0.02, "{last}");
         }
+    }
+}
+
+#[test]
+fn volumes_beyond_the_inner_caches_are_cast_in_slabs() {
+    let far = density_of([140, 90, 100], DensityMap::default(), [1.0; 3], |v| v as u8);
+    assert!(with_corners(&far, IsFar) == Some(true));
+    let near = density(DensityMap::default(), [1.0; 3], |v| v as u8);
+    assert!(with_corners(&near, IsFar) == Some(false));
+    let integrator = Integrator::new(&far, Kernel::Tent).unwrap();
+    for (view, camera) in cameras(far.volume().grid()) {
+        let exact = plan(Along::Exact, 3, Estimand::Line);
+        let image = Packets::new(&far).image(&camera, &exact, &Watch::default()).unwrap().0;
+        let rays = integrator.view(&camera, Estimand::Line);
+        let mut counters = Counters::default();
+        for (i, got) in image.values().iter().enumerate() {
+            let (x, y) = (i % 43, i / 43);
+            let one = |r| {
+                let [dx, dy, _] = exact.points.of(x, y, r);
+                rays.integrate(x as f64 + dx, y as f64 + dy, &mut counters) / 3.0
+            };
+            let expected: f64 = (0..3).map(one).sum();
+            assert!((got - expected).abs() < 2e-5 * image.mean(), "{view}, {x}, {y}: {got} for {expected}");
+        }
+        // As many samples as the way through the box holds, of every ray: none twice at the slabs' ends, and none lost.
+        let comb = |distance: f64| plan(Along::Comb(distance), 3, Estimand::Line);
+        let cast = |distance| Packets::new(&far).image(&camera, &comb(distance), &Watch::default()).unwrap();
+        let (coarse, fine) = (cast(3.0).1.evaluations as f64, cast(0.75).1.evaluations as f64);
+        assert!((fine / coarse / 4.0 - 1.0).abs() < 0.02, "{view}: {fine} for {coarse}");
+        for level in SimdLevel::available() {
+            let got = Packets::new(&far).on(level).image(&camera, &comb(0.75), &Watch::default()).unwrap();
+            assert!(got == cast(0.75), "{view}: {level:?} differs");
+        }
+        let close = cast(0.25).0;
+        let squares = close.values().iter().zip(image.values()).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+        let error = (squares / image.values().len() as f64).sqrt() / image.mean();
+        assert!(error < 0.01, "{view}: {error}");
+    }
+}
+
+/// Whether a density's voxels are too many for the inner caches.
+struct IsFar;
+
+impl<'a> Visit<'a> for IsFar {
+    type Out = bool;
+
+    fn run<T: Voxel, W: Weights<T> + Send + 'a>(self, field: Corners<'a, T, W>) -> bool {
+        field.far()
     }
 }
 

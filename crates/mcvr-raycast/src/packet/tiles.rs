@@ -14,7 +14,7 @@ use rayon::prelude::*;
 pub(crate) const TILE: usize = 8;
 
 /// Depths that a tile tells apart: the bits of its mask.
-const SLOTS: usize = 128;
+pub(super) const SLOTS: usize = 128;
 
 /// Bricks are merged until there are at most this many.
 const MOST_BRICKS: usize = 1 << 15;
@@ -302,15 +302,21 @@ impl Tiles {
         self.start + SLOTS as f64 * self.length
     }
 
-    /// Pieces of parameter with density, from near to far and disjoint, of the tile in a column and row of tiles. Gaps of less
-    /// than `gap` between them are taken along.
-    pub fn pieces(&self, column: usize, row: usize, gap: f64) -> Pieces {
-        self.pieces_in(self.masks[column + self.columns * row], gap)
+    /// Slots with density of the tile in a column and row of tiles.
+    pub fn mask(&self, column: usize, row: usize) -> u128 {
+        self.masks[column + self.columns * row]
     }
 
     /// The same of several tiles together.
-    pub fn pieces_of(&self, columns: &Range<usize>, rows: &Range<usize>, gap: f64) -> Pieces {
-        self.pieces_in(self.mask_of(columns, rows), gap)
+    pub fn mask_of(&self, columns: &Range<usize>, rows: &Range<usize>) -> u128 {
+        let row = |row: usize| &self.masks[row * self.columns..][columns.clone()];
+        rows.clone().flat_map(row).fold(0, |all, mask| all | mask)
+    }
+
+    /// Slots that are as long as so much of the parameter, or all of them.
+    pub fn slots_in(&self, parameter: f64) -> usize {
+        // `as` saturates, and makes 0 of what is no number.
+        ((parameter / self.length).round() as usize).clamp(1, SLOTS)
     }
 
     /// Tiles that places along an axis (0: x, 1: y) of the image lie in, of which those beyond the image count to the outermost.
@@ -322,42 +328,59 @@ impl Tiles {
         of(ends[0])..of(ends[1]) + 1
     }
 
-    fn mask_of(&self, columns: &Range<usize>, rows: &Range<usize>) -> u128 {
-        let row = |row: usize| &self.masks[row * self.columns..][columns.clone()];
-        rows.clone().flat_map(row).fold(0, |all, mask| all | mask)
-    }
-
-    fn pieces_in(&self, mut mask: u128, gap: f64) -> Pieces {
-        let mut pieces = Pieces { all: [[0.0; 2]; SLOTS / 2], number: 0 };
-        while mask != 0 {
-            let first = mask.trailing_zeros();
-            let end = first + (!(mask >> first)).trailing_zeros();
-            mask = if end >= SLOTS as u32 { 0 } else { mask >> end << end };
-            // Outermost pieces have no end, so that no rounding cuts the box's rim; the ray's own range ends them.
-            let at = |slot: u32| self.start + f64::from(slot) * self.length;
-            let near = if first == 0 { f64::NEG_INFINITY } else { at(first) };
-            let far = if end >= SLOTS as u32 || self.length == f64::INFINITY { f64::INFINITY } else { at(end) };
-            match pieces.all[..pieces.number].last_mut() {
-                Some(last) if near - last[1] < gap => last[1] = far,
-                _ => {
-                    pieces.all[pieces.number] = [near, far];
-                    pieces.number += 1;
-                }
-            }
-        }
-        pieces
-    }
-}
-
-/// Pieces of parameter: at most every other slot begins one.
-pub(crate) struct Pieces {
-    all: [[f64; 2]; SLOTS / 2],
-    number: usize,
-}
-
-impl Pieces {
+    /// Pieces of parameter that are marked among some slots, from near to far and disjoint. Gaps of less than `gap` between them are taken
+    /// along.
     #[inline(always)]
-    pub fn all(&self) -> &[[f64; 2]] {
-        &self.all[..self.number]
+    pub fn pieces(&self, mask: u128, slots: &Range<usize>, gap: f64) -> Pieces<'_> {
+        Pieces { tiles: self, mask: mask & (u128::MAX >> (SLOTS - slots.len()) << slots.start), gap }
+    }
+
+    /// Parameter from one slot to the one after the last. Outermost pieces have no end, so that no rounding cuts the box's rim; the ray's
+    /// own range ends them.
+    #[inline(always)]
+    fn span(&self, first: u32, end: u32) -> [f64; 2] {
+        let at = |slot: u32| self.start + f64::from(slot) * self.length;
+        let near = if first == 0 { f64::NEG_INFINITY } else { at(first) };
+        let far = if end >= SLOTS as u32 || self.length == f64::INFINITY { f64::INFINITY } else { at(end) };
+        [near, far]
+    }
+}
+
+/// Pieces of parameter.
+pub(crate) struct Pieces<'a> {
+    tiles: &'a Tiles,
+    mask: u128,
+    gap: f64,
+}
+
+impl Pieces<'_> {
+    /// The next run of slots.
+    #[inline(always)]
+    fn run(&self) -> (u32, u32) {
+        let first = self.mask.trailing_zeros();
+        (first, first + (!(self.mask >> first)).trailing_zeros())
+    }
+}
+
+impl Iterator for Pieces<'_> {
+    type Item = [f64; 2];
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<[f64; 2]> {
+        if self.mask == 0 {
+            return None;
+        }
+        let mut piece: Option<[f64; 2]> = None;
+        while self.mask != 0 {
+            let (first, end) = self.run();
+            let [near, far] = self.tiles.span(first, end);
+            match &mut piece {
+                None => piece = Some([near, far]),
+                Some(piece) if near - piece[1] < self.gap => piece[1] = far,
+                Some(_) => break,
+            }
+            self.mask = if end >= SLOTS as u32 { 0 } else { self.mask >> end << end };
+        }
+        piece
     }
 }

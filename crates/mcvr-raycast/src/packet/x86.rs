@@ -4,6 +4,14 @@ use std::arch::x86_64::*;
 
 use super::lanes::{LANES, Row, Simd};
 
+#[inline(always)]
+unsafe fn prefetch_each<T>(base: *const T, index: &Row<i32>) {
+    for &index in index {
+        // SAFETY: every processor with these lanes has the instruction, which reads nothing.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(base.wrapping_offset(index as isize).cast()) };
+    }
+}
+
 /// AVX-512 F.
 #[derive(Clone, Copy)]
 pub(crate) struct Avx512;
@@ -131,6 +139,10 @@ impl Simd for Avx512 {
     #[inline(always)]
     unsafe fn bits(m: __mmask16) -> u32 {
         u32::from(m)
+    }
+    #[inline(always)]
+    unsafe fn prefetch<T>(base: *const T, index: __m512i) {
+        unsafe { prefetch_each(base, &Self::istore(index)) }
     }
     #[inline(always)]
     unsafe fn gather<const SCALE: i32>(base: *const u8, index: __m512i, mask: __mmask16) -> __m512i {
@@ -304,6 +316,10 @@ impl Simd for Avx2 {
             let low = _mm256_movemask_ps(_mm256_castsi256_ps(m[0])) as u32;
             low | (_mm256_movemask_ps(_mm256_castsi256_ps(m[1])) as u32) << 8
         }
+    }
+    #[inline(always)]
+    unsafe fn prefetch<T>(base: *const T, index: Self::I) {
+        unsafe { prefetch_each(base, &Self::istore(index)) }
     }
     #[inline(always)]
     unsafe fn gather<const SCALE: i32>(base: *const u8, index: Self::I, mask: Self::M) -> Self::I {

@@ -1,0 +1,287 @@
+//! The rays of a row of tiles, or of places of an image, on one thread.
+//!
+//! Packets side by side read the same lines of memory. Where a volume is larger than the inner caches, three quarters of the time are
+//! waiting for them, so [`BATCH`] packets at a time go through it together, slab by slab, and find there what the others fetched. Slabs are
+//! those of the view: sums do not depend on what else is in a batch.
+
+use std::ops::Range;
+
+use mcvr_scene::{Extent, Watch};
+use mcvr_volume::{SimdLevel, Voxel};
+
+use super::beam::{Beam, Optics};
+use super::corners::{Corners, Weights};
+use super::driver::Seen;
+use super::lanes::{LANES, Portable, Row, Simd};
+use super::tiles::{SLOTS, TILE, Tiles};
+use super::trace::{Work, cells, comb};
+#[cfg(target_arch = "x86_64")]
+use super::x86::{Avx2, Avx512};
+use crate::Counters;
+use crate::points::Points;
+
+/// Gaps in depth that are not worth a new start, in samples of a comb or in voxels.
+const GAP: f64 = 4.0;
+
+/// Packets that go through the volume together.
+pub(super) const BATCH: usize = 32;
+
+/// Thickness of slabs, in samples of a comb or in voxels.
+const SLAB: f64 = 32.0;
+
+/// Which rays are cast, and where what they see goes.
+pub(super) enum What<'w> {
+    /// Those of all pixels of a row of tiles, to be added to the pixels.
+    Row(usize, &'w Points, &'w mut [f64]),
+    /// Those through places of the image.
+    Places(&'w [Places], &'w mut [Seen]),
+}
+
+/// Places of an image, the phases of the samples there, and the tiles where they are.
+pub(super) struct Places {
+    x: Row<f64>,
+    y: Row<f64>,
+    phases: Row<f64>,
+    columns: Range<usize>,
+    rows: Range<usize>,
+}
+
+impl Places {
+    pub fn new(x: Row<f64>, y: Row<f64>, phases: Row<f64>, tiles: &Tiles) -> Self {
+        let (columns, rows) = (tiles.met(&x, 0), tiles.met(&y, 1));
+        Self { x, y, phases, columns, rows }
+    }
+}
+
+/// What the tiles of an image share.
+pub(super) struct Band<'a, 'w, T, W> {
+    pub field: &'w Corners<'a, T, W>,
+    pub optics: &'w Optics,
+    pub tiles: &'w Tiles,
+    pub extent: Extent,
+    pub watch: &'w Watch<'w>,
+}
+
+/// Sixteen rays on their way.
+struct Packet {
+    beam: Beam,
+    /// Slots of depth with density.
+    mask: u128,
+    /// Where the first of them enters the box around all density, and the last leaves it.
+    ends: [f64; 2],
+    /// Pixels of the row, or the place, that they belong to.
+    owners: [usize; LANES],
+    used: usize,
+    sums: [Row<f64>; 2],
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,avx512f,avx512dq,avx512vl")]
+fn run_avx512<T: Voxel, W: Weights<T>, const EXACT: bool, const SQUARED: bool>(
+    band: &Band<'_, '_, T, W>,
+    what: &mut What<'_>,
+    work: &mut (Counters, Work),
+) {
+    // SAFETY: this function has the instructions.
+    unsafe { band.cast::<Avx512, EXACT, SQUARED>(what, work) }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn run_avx2<T: Voxel, W: Weights<T>, const EXACT: bool, const SQUARED: bool>(
+    band: &Band<'_, '_, T, W>,
+    what: &mut What<'_>,
+    work: &mut (Counters, Work),
+) {
+    // SAFETY: this function has the instructions.
+    unsafe { band.cast::<Avx2, EXACT, SQUARED>(what, work) }
+}
+
+impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
+    pub fn run<const EXACT: bool, const SQUARED: bool>(
+        &self,
+        level: SimdLevel,
+        what: &mut What<'_>,
+        work: &mut (Counters, Work),
+    ) {
+        match level {
+            // SAFETY: plain Rust needs no instructions.
+            SimdLevel::Portable => unsafe { self.cast::<Portable, EXACT, SQUARED>(what, work) },
+            // SAFETY: levels name only what the processor has (`SimdLevel::available`).
+            #[cfg(target_arch = "x86_64")]
+            SimdLevel::Avx2 => unsafe { run_avx2::<T, W, EXACT, SQUARED>(self, what, work) },
+            // SAFETY: as above.
+            #[cfg(target_arch = "x86_64")]
+            SimdLevel::Avx512 => unsafe { run_avx512::<T, W, EXACT, SQUARED>(self, what, work) },
+            // SAFETY: as for the first.
+            #[cfg(not(target_arch = "x86_64"))]
+            _ => unsafe { self.cast::<Portable, EXACT, SQUARED>(what, work) },
+        }
+    }
+
+    /// # Safety
+    /// As [`Simd`].
+    #[inline(always)]
+    unsafe fn cast<S: Simd, const EXACT: bool, const SQUARED: bool>(
+        &self,
+        what: &mut What<'_>,
+        (counters, work): &mut (Counters, Work),
+    ) {
+        let mut batch: Vec<Packet> = Vec::with_capacity(BATCH);
+        match what {
+            What::Row(row, points, out) => {
+                let share = self.share::<SQUARED>() / f64::from(points.rays());
+                for column in 0..self.extent.width.div_ceil(TILE) {
+                    let mask = self.tiles.mask(column, *row);
+                    if mask == 0 || self.watch.cancelled() {
+                        continue;
+                    }
+                    let (places, pixels) = self.pixels(column, *row);
+                    let mut ray = Ray { pixel: 0, ray: 0, rays: points.rays() };
+                    while ray.pixel < pixels {
+                        let (mut px, mut py, mut phase) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+                        let (mut owners, mut used) = ([0usize; LANES], 0);
+                        for l in 0..LANES {
+                            let (x, y) = places[ray.pixel.min(pixels - 1)];
+                            let at = (column * TILE + x, *row * TILE + y);
+                            let [dx, dy, p] = points.of(at.0, at.1, ray.ray);
+                            (px[l], py[l], phase[l]) = (at.0 as f64 + dx, at.1 as f64 + dy, p);
+                            owners[l] = y * self.extent.width + at.0;
+                            used += usize::from(ray.pixel < pixels);
+                            ray.advance();
+                        }
+                        counters.rays += used as u64;
+                        let beam = self.optics.beam(&px, &py, &phase);
+                        batch.extend(Packet::new(beam, mask, owners, used));
+                        if batch.len() == BATCH {
+                            // SAFETY: the caller's promise, passed on.
+                            unsafe { self.trace::<S, EXACT, SQUARED>(&mut batch, work) };
+                            batch.drain(..).for_each(|packet| packet.add_to(out, share));
+                        }
+                    }
+                }
+                // SAFETY: the caller's promise, passed on.
+                unsafe { self.trace::<S, EXACT, SQUARED>(&mut batch, work) };
+                batch.drain(..).for_each(|packet| packet.add_to(out, share));
+            }
+            What::Places(places, seen) => {
+                for (places, seen) in places.chunks(BATCH).zip(seen.chunks_mut(BATCH)) {
+                    for (n, p) in places.iter().enumerate() {
+                        let mask = self.tiles.mask_of(&p.columns, &p.rows);
+                        if mask == 0 || self.watch.cancelled() {
+                            continue;
+                        }
+                        counters.rays += LANES as u64;
+                        let beam = self.optics.beam(&p.x, &p.y, &p.phases);
+                        batch.extend(Packet::new(beam, mask, [n; LANES], LANES));
+                    }
+                    // SAFETY: the caller's promise, passed on.
+                    unsafe { self.trace::<S, EXACT, SQUARED>(&mut batch, work) };
+                    let share = self.share::<SQUARED>();
+                    batch.drain(..).for_each(|packet| seen[packet.owners[0]] = packet.seen(share));
+                }
+            }
+        }
+    }
+
+    /// From sums to the estimand.
+    fn share<const SQUARED: bool>(&self) -> f64 {
+        let squared = if SQUARED { 1.0 / (self.optics.nearness * self.optics.nearness) } else { 1.0 };
+        squared * self.field.unit()
+    }
+
+    /// Pixels of a tile that are in the image, in blocks of four by four, and their number.
+    fn pixels(&self, column: usize, row: usize) -> ([(usize, usize); TILE * TILE], usize) {
+        let mut places = [(0, 0); TILE * TILE];
+        let mut pixels = 0;
+        let (wide, high) = (self.extent.width - column * TILE, self.extent.height - row * TILE);
+        for n in 0..TILE * TILE {
+            let (x, y) = ((n & 3) | (n >> 2 & 4), (n >> 2 & 3) | (n >> 3 & 4));
+            if x < wide && y < high {
+                places[pixels] = (x, y);
+                pixels += 1;
+            }
+        }
+        (places, pixels)
+    }
+
+    /// Takes packets through the volume.
+    ///
+    /// # Safety
+    /// As [`Simd`].
+    #[inline(always)]
+    unsafe fn trace<S: Simd, const EXACT: bool, const SQUARED: bool>(&self, batch: &mut [Packet], work: &mut Work) {
+        let gap = GAP * self.optics.spacing;
+        let thick = if self.field.far() { self.tiles.slots_in(SLAB * self.optics.spacing) } else { SLOTS };
+        for first in (0..SLOTS).step_by(thick) {
+            let slots = first..(first + thick).min(SLOTS);
+            for packet in &mut *batch {
+                for piece in self.tiles.pieces(packet.mask, &slots, gap) {
+                    if packet.ends[1] <= piece[0] || piece[1] <= packet.ends[0] {
+                        continue;
+                    }
+                    let Packet { beam, sums, .. } = &mut *packet;
+                    // SAFETY: the caller's promise, passed on.
+                    unsafe {
+                        if EXACT {
+                            cells::<S, T, W, SQUARED>(self.field, beam, piece, &mut sums[0], work);
+                        } else {
+                            comb::<S, T, W, SQUARED>(self.field, beam, piece, sums, work);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// A ray of a pixel.
+struct Ray {
+    pixel: usize,
+    ray: u32,
+    rays: u32,
+}
+
+impl Ray {
+    #[inline(always)]
+    fn advance(&mut self) {
+        self.ray += 1;
+        if self.ray == self.rays {
+            (self.pixel, self.ray) = (self.pixel + 1, 0);
+        }
+    }
+}
+
+impl Packet {
+    /// `None` where no ray meets the box around all density. Only the first rays are used.
+    #[inline(always)]
+    fn new(mut beam: Beam, mask: u128, owners: [usize; LANES], used: usize) -> Option<Self> {
+        for l in used..LANES {
+            beam.from[l] = f64::INFINITY;
+        }
+        let mut ends = [f64::INFINITY, f64::NEG_INFINITY];
+        for l in 0..LANES {
+            let to = if beam.from[l] < f64::INFINITY { beam.to[l] } else { f64::NEG_INFINITY };
+            ends[0] = if beam.from[l] < ends[0] { beam.from[l] } else { ends[0] };
+            ends[1] = if to > ends[1] { to } else { ends[1] };
+        }
+        (ends[0] < ends[1]).then_some(Self { beam, mask, ends, owners, used, sums: [[0.0; LANES]; 2] })
+    }
+
+    /// Adds what its rays saw to their pixels.
+    fn add_to(&self, out: &mut [f64], share: f64) {
+        for l in 0..self.used {
+            out[self.owners[l]] += self.sums[0][l] * self.beam.factor[l] * share;
+        }
+    }
+
+    /// What its rays saw.
+    fn seen(&self, share: f64) -> Seen {
+        let [mut values, mut turns] = self.sums;
+        for l in 0..LANES {
+            values[l] *= self.beam.factor[l] * share;
+            turns[l] *= self.beam.factor[l] * share;
+        }
+        Seen { values, noise: turns.iter().map(|t| t * t).sum::<f64>() / LANES as f64 }
+    }
+}

@@ -1,7 +1,7 @@
 //! The rays of a row of tiles, or of places of an image, on one thread.
 //!
-//! Packets side by side read the same lines of memory. Where a volume is larger than the inner caches, three quarters of the time are
-//! waiting for them, so [`BATCH`] packets at a time go through it together, slab by slab, and find there what the others fetched. Slabs are
+//! Packets side by side read the same lines of memory. Where a volume is larger than the inner caches, up to three quarters of the time
+//! are waiting for them, so [`BATCH`] packets at a time go through it together, slab by slab, and find there what the others fetched. Slabs are
 //! those of the view: sums do not depend on what else is in a batch.
 
 use std::ops::Range;

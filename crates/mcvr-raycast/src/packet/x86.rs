@@ -4,6 +4,7 @@ use std::arch::x86_64::*;
 
 use super::lanes::{LANES, Row, Simd};
 
+/// Asks for the memory of every lane.
 #[inline(always)]
 unsafe fn prefetch_each<T>(base: *const T, index: &Row<i32>) {
     for &index in index {

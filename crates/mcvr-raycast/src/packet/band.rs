@@ -11,7 +11,7 @@ use mcvr_volume::{SimdLevel, Voxel};
 
 use super::beam::{Beam, Optics};
 use super::corners::{Corners, Weights};
-use super::driver::Seen;
+use super::driver::{Along, Seen};
 use super::lanes::{LANES, Portable, Row, Simd};
 use super::tiles::{SLOTS, TILE, Tiles};
 use super::trace::{Work, cells, comb};
@@ -77,116 +77,135 @@ struct Packet {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,avx512f,avx512dq,avx512vl")]
-fn run_avx512<T: Voxel, W: Weights<T>, const EXACT: bool, const SQUARED: bool>(
-    band: &Band<'_, '_, T, W>,
-    what: &mut What<'_>,
-    work: &mut (Counters, Work),
-) {
+fn run_avx512<T: Voxel, W: Weights<T>>(band: &Band<'_, '_, T, W>, what: &mut What<'_>, work: &mut (Counters, Work)) {
     // SAFETY: this function has the instructions.
-    unsafe { band.cast::<Avx512, EXACT, SQUARED>(what, work) }
+    unsafe { band.cast::<Avx512>(what, work) }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn run_avx2<T: Voxel, W: Weights<T>, const EXACT: bool, const SQUARED: bool>(
-    band: &Band<'_, '_, T, W>,
-    what: &mut What<'_>,
-    work: &mut (Counters, Work),
-) {
+fn run_avx2<T: Voxel, W: Weights<T>>(band: &Band<'_, '_, T, W>, what: &mut What<'_>, work: &mut (Counters, Work)) {
     // SAFETY: this function has the instructions.
-    unsafe { band.cast::<Avx2, EXACT, SQUARED>(what, work) }
+    unsafe { band.cast::<Avx2>(what, work) }
 }
 
 impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
-    pub fn run<const EXACT: bool, const SQUARED: bool>(
-        &self,
-        level: SimdLevel,
-        what: &mut What<'_>,
-        work: &mut (Counters, Work),
-    ) {
+    pub fn run(&self, level: SimdLevel, what: &mut What<'_>, work: &mut (Counters, Work)) {
         match level {
             // SAFETY: plain Rust needs no instructions.
-            SimdLevel::Portable => unsafe { self.cast::<Portable, EXACT, SQUARED>(what, work) },
+            SimdLevel::Portable => unsafe { self.cast::<Portable>(what, work) },
             // SAFETY: levels name only what the processor has (`SimdLevel::available`).
             #[cfg(target_arch = "x86_64")]
-            SimdLevel::Avx2 => unsafe { run_avx2::<T, W, EXACT, SQUARED>(self, what, work) },
+            SimdLevel::Avx2 => unsafe { run_avx2::<T, W>(self, what, work) },
             // SAFETY: as above.
             #[cfg(target_arch = "x86_64")]
-            SimdLevel::Avx512 => unsafe { run_avx512::<T, W, EXACT, SQUARED>(self, what, work) },
+            SimdLevel::Avx512 => unsafe { run_avx512::<T, W>(self, what, work) },
             // SAFETY: as for the first.
             #[cfg(not(target_arch = "x86_64"))]
-            _ => unsafe { self.cast::<Portable, EXACT, SQUARED>(what, work) },
+            _ => unsafe { self.cast::<Portable>(what, work) },
         }
     }
 
     /// # Safety
     /// As [`Simd`].
     #[inline(always)]
-    unsafe fn cast<S: Simd, const EXACT: bool, const SQUARED: bool>(
-        &self,
-        what: &mut What<'_>,
-        (counters, work): &mut (Counters, Work),
-    ) {
+    unsafe fn cast<S: Simd>(&self, what: &mut What<'_>, (counters, work): &mut (Counters, Work)) {
         let mut batch: Vec<Packet> = Vec::with_capacity(BATCH);
-        match what {
-            What::Row(row, points, out) => {
-                let share = self.share::<SQUARED>() / f64::from(points.rays());
-                for column in 0..self.extent.width.div_ceil(TILE) {
-                    let mask = self.tiles.mask(column, *row);
-                    if mask == 0 || self.watch.cancelled() {
-                        continue;
-                    }
-                    let (places, pixels) = self.pixels(column, *row);
-                    let mut ray = Ray { pixel: 0, ray: 0, rays: points.rays() };
-                    while ray.pixel < pixels {
-                        let (mut px, mut py, mut phase) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-                        let (mut owners, mut used) = ([0usize; LANES], 0);
-                        for l in 0..LANES {
-                            let (x, y) = places[ray.pixel.min(pixels - 1)];
-                            let at = (column * TILE + x, *row * TILE + y);
-                            let [dx, dy, p] = points.of(at.0, at.1, ray.ray);
-                            (px[l], py[l], phase[l]) = (at.0 as f64 + dx, at.1 as f64 + dy, p);
-                            owners[l] = y * self.extent.width + at.0;
-                            used += usize::from(ray.pixel < pixels);
-                            ray.advance();
-                        }
-                        counters.rays += used as u64;
-                        let beam = self.optics.beam(&px, &py, &phase);
-                        batch.extend(Packet::new(beam, mask, owners, used));
-                        if batch.len() == BATCH {
-                            // SAFETY: the caller's promise, passed on.
-                            unsafe { self.trace::<S, EXACT, SQUARED>(&mut batch, work) };
-                            batch.drain(..).for_each(|packet| packet.add_to(out, share));
-                        }
-                    }
+        let mut progress = Progress::default();
+        let share = self.share();
+        loop {
+            let more = match what {
+                What::Row(row, points, _) => self.fill_of_row(&mut batch, &mut progress, (*row, points), counters),
+                What::Places(places, _) => self.fill_of_places(&mut batch, &mut progress, places, counters),
+            };
+            // SAFETY: the caller's promise, passed on.
+            unsafe { self.trace::<S>(&mut batch, work) };
+            match what {
+                What::Row(_, points, out) => {
+                    let share = share / f64::from(points.rays());
+                    batch.drain(..).for_each(|packet| packet.add_to(out, share));
                 }
-                // SAFETY: the caller's promise, passed on.
-                unsafe { self.trace::<S, EXACT, SQUARED>(&mut batch, work) };
-                batch.drain(..).for_each(|packet| packet.add_to(out, share));
-            }
-            What::Places(places, seen) => {
-                for (places, seen) in places.chunks(BATCH).zip(seen.chunks_mut(BATCH)) {
-                    for (n, p) in places.iter().enumerate() {
-                        let mask = self.tiles.mask_of(&p.columns, &p.rows);
-                        if mask == 0 || self.watch.cancelled() {
-                            continue;
-                        }
-                        counters.rays += LANES as u64;
-                        let beam = self.optics.beam(&p.x, &p.y, &p.phases);
-                        batch.extend(Packet::new(beam, mask, [n; LANES], LANES));
-                    }
-                    // SAFETY: the caller's promise, passed on.
-                    unsafe { self.trace::<S, EXACT, SQUARED>(&mut batch, work) };
-                    let share = self.share::<SQUARED>();
+                What::Places(_, seen) => {
                     batch.drain(..).for_each(|packet| seen[packet.owners[0]] = packet.seen(share));
                 }
+            }
+            if !more {
+                return;
             }
         }
     }
 
+    /// Fills a batch with the next rays of a row of tiles; false where they were the last.
+    #[inline(always)]
+    fn fill_of_row(
+        &self,
+        batch: &mut Vec<Packet>,
+        progress: &mut Progress,
+        (row, points): (usize, &Points),
+        counters: &mut Counters,
+    ) -> bool {
+        let rays = points.rays();
+        while progress.column < self.extent.width.div_ceil(TILE) {
+            let column = progress.column;
+            let mask = self.tiles.mask(column, row);
+            if mask != 0 && !self.watch.cancelled() {
+                let (places, pixels) = self.pixels(column, row);
+                while progress.pixel < pixels {
+                    if batch.len() == BATCH {
+                        return true;
+                    }
+                    let (mut px, mut py, mut phase) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+                    let (mut owners, mut used) = ([0usize; LANES], 0);
+                    for l in 0..LANES {
+                        let (x, y) = places[progress.pixel.min(pixels - 1)];
+                        let at = (column * TILE + x, row * TILE + y);
+                        let [dx, dy, p] = points.of(at.0, at.1, progress.ray);
+                        (px[l], py[l], phase[l]) = (at.0 as f64 + dx, at.1 as f64 + dy, p);
+                        owners[l] = y * self.extent.width + at.0;
+                        used += usize::from(progress.pixel < pixels);
+                        progress.ray += 1;
+                        if progress.ray == rays {
+                            (progress.pixel, progress.ray) = (progress.pixel + 1, 0);
+                        }
+                    }
+                    counters.rays += used as u64;
+                    let beam = self.optics.beam(&px, &py, &phase);
+                    batch.extend(Packet::new(beam, mask, owners, used));
+                }
+            }
+            *progress = Progress { column: column + 1, ..Progress::default() };
+        }
+        false
+    }
+
+    /// Fills a batch with the rays of the next places; false where they were the last.
+    #[inline(always)]
+    fn fill_of_places(
+        &self,
+        batch: &mut Vec<Packet>,
+        progress: &mut Progress,
+        places: &[Places],
+        counters: &mut Counters,
+    ) -> bool {
+        while progress.place < places.len() {
+            if batch.len() == BATCH {
+                return true;
+            }
+            let (n, p) = (progress.place, &places[progress.place]);
+            progress.place += 1;
+            let mask = self.tiles.mask_of(&p.columns, &p.rows);
+            if mask != 0 && !self.watch.cancelled() {
+                counters.rays += LANES as u64;
+                let beam = self.optics.beam(&p.x, &p.y, &p.phases);
+                batch.extend(Packet::new(beam, mask, [n; LANES], LANES));
+            }
+        }
+        false
+    }
+
     /// From sums to the estimand.
-    fn share<const SQUARED: bool>(&self) -> f64 {
-        let squared = if SQUARED { 1.0 / (self.optics.nearness * self.optics.nearness) } else { 1.0 };
+    fn share(&self) -> f64 {
+        let squared = if self.optics.squared { 1.0 / (self.optics.nearness * self.optics.nearness) } else { 1.0 };
         squared * self.field.unit()
     }
 
@@ -210,7 +229,7 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
     /// # Safety
     /// As [`Simd`].
     #[inline(always)]
-    unsafe fn trace<S: Simd, const EXACT: bool, const SQUARED: bool>(&self, batch: &mut [Packet], work: &mut Work) {
+    unsafe fn trace<S: Simd>(&self, batch: &mut [Packet], work: &mut Work) {
         let gap = GAP * self.optics.spacing;
         let thick = if self.field.far() { self.tiles.slots_in(SLAB * self.optics.spacing) } else { SLOTS };
         for first in (0..SLOTS).step_by(thick) {
@@ -221,12 +240,13 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
                         continue;
                     }
                     let Packet { beam, sums, .. } = &mut *packet;
+                    let beam = (&*beam, self.optics.squared);
                     // SAFETY: the caller's promise, passed on.
                     unsafe {
-                        if EXACT {
-                            cells::<S, T, W, SQUARED>(self.field, beam, piece, &mut sums[0], work);
+                        if self.optics.along == Along::Exact {
+                            cells::<S, T, W>(self.field, beam, piece, &mut sums[0], work);
                         } else {
-                            comb::<S, T, W, SQUARED>(self.field, beam, piece, sums, work);
+                            comb::<S, T, W>(self.field, beam, piece, sums, work);
                         }
                     }
                 }
@@ -235,21 +255,15 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
     }
 }
 
-/// A ray of a pixel.
-struct Ray {
+/// What is the next to be cast.
+#[derive(Default)]
+struct Progress {
+    /// Tile of a row, pixel of it, ray of that.
+    column: usize,
     pixel: usize,
     ray: u32,
-    rays: u32,
-}
-
-impl Ray {
-    #[inline(always)]
-    fn advance(&mut self) {
-        self.ray += 1;
-        if self.ray == self.rays {
-            (self.pixel, self.ray) = (self.pixel + 1, 0);
-        }
-    }
+    /// Or one of the places.
+    place: usize,
 }
 
 impl Packet {

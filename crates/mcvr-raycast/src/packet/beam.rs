@@ -1,5 +1,6 @@
 //! Sixteen rays of a camera, side by side.
 
+use super::driver::Along;
 use super::lanes::{LANES, Row};
 use super::tiles::Tiles;
 use crate::view::{Affine, View};
@@ -29,16 +30,25 @@ pub(crate) struct Optics {
     /// Box around all density, in cell coordinates.
     pub low: [f64; 3],
     pub high: [f64; 3],
-    /// Millimetres of path between samples.
+    pub along: Along,
+    /// Millimetres of path between samples, or the smallest side of a voxel.
     pub spacing: f64,
     pub nearness: f64,
+    /// Whether the estimand weighs with the depth's square.
+    pub squared: bool,
 }
 
 impl Optics {
-    pub fn new(view: &View, tiles: &Tiles, spacing: f64) -> Self {
+    /// `smallest` is the smallest side of a voxel.
+    pub fn new(view: &View, tiles: &Tiles, along: Along, smallest: f64) -> Self {
+        let spacing = match along {
+            Along::Comb(spacing) => spacing,
+            Along::Exact => smallest,
+        };
         let farthest = tiles.farthest();
         let nearness = if farthest > 0.0 && farthest.is_finite() { 1.0 / farthest } else { 1.0 };
-        Self { rays: view.affine(), low: tiles.low, high: tiles.high, spacing, nearness }
+        let (low, high, squared) = (tiles.low, tiles.high, view.squared());
+        Self { rays: view.affine(), low, high, along, spacing, nearness, squared }
     }
 
     /// The rays through sixteen image points. Without branches, so that the compiler turns it into vector code.

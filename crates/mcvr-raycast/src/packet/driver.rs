@@ -133,24 +133,15 @@ impl<'a, 'w, T: Voxel, W: Weights<T>> Ready<'a, 'w, T, W> {
     }
 
     fn optics(&self, along: Along) -> Optics {
-        let spacing = match along {
-            Along::Comb(spacing) => spacing,
-            Along::Exact => self.smallest,
-        };
-        Optics::new(&self.view, &self.tiles, spacing)
+        Optics::new(&self.view, &self.tiles, along, self.smallest)
     }
 
     /// Casts all pixels of a row of tiles, or the rays of places.
-    fn cast(&self, (along, optics): (Along, &Optics), mut what: What<'_>) -> (Counters, Work) {
+    fn cast(&self, optics: &Optics, mut what: What<'_>) -> (Counters, Work) {
         let extent = self.camera.extent();
         let band = Band { field: self.field, optics, tiles: &self.tiles, extent, watch: self.watch };
         let mut work = (Counters::default(), Work::default());
-        match (along == Along::Exact, self.view.squared()) {
-            (false, false) => band.run::<false, false>(self.level, &mut what, &mut work),
-            (false, true) => band.run::<false, true>(self.level, &mut what, &mut work),
-            (true, false) => band.run::<true, false>(self.level, &mut what, &mut work),
-            (true, true) => band.run::<true, true>(self.level, &mut what, &mut work),
-        }
+        band.run(self.level, &mut what, &mut work);
         work
     }
 
@@ -186,7 +177,7 @@ impl<'a, T: Voxel, W: Weights<T> + Send + 'a> Cast for Ready<'a, '_, T, W> {
         let parts = squares.par_chunks(side_by_side).zip(seen.par_chunks_mut(side_by_side));
         let cast = |(squares, seen): (&[Square], &mut [Seen])| {
             let places: Vec<Places> = squares.iter().map(one).collect();
-            self.cast((along, &optics), What::Places(&places, seen))
+            self.cast(&optics, What::Places(&places, seen))
         };
         let work: Vec<_> = parts.map(cast).collect();
         (seen, self.sum(work))
@@ -211,7 +202,7 @@ impl<'a> Visit<'a> for Whole<'_, '_> {
         let mut image = Image::zeros(camera.extent());
         let rows = image.values_mut().par_chunks_mut(TILE * width).enumerate().with_max_len(1);
         let work = rows.map(|(row, out)| {
-            let work = ready.cast((plan.along, &optics), What::Row(row, &plan.points, &mut *out));
+            let work = ready.cast(&optics, What::Row(row, &plan.points, &mut *out));
             watch.advance((out.len() / width) as u64);
             work
         });

@@ -28,9 +28,9 @@ pub(crate) struct Work {
 /// # Safety
 /// As [`Simd`].
 #[inline(always)]
-pub(crate) unsafe fn comb<S: Simd, T: Voxel, W: Weights<T>, const SQUARED: bool>(
+pub(crate) unsafe fn comb<S: Simd, T: Voxel, W: Weights<T>>(
     field: &Corners<'_, T, W>,
-    beam: &Beam,
+    (beam, squared): (&Beam, bool),
     [near, far]: [f64; 2],
     sums: &mut [Row<f64>; 2],
     work: &mut Work,
@@ -57,7 +57,7 @@ pub(crate) unsafe fn comb<S: Simd, T: Voxel, W: Weights<T>, const SQUARED: bool>
             u[axis][l] = (beam.origin[axis][l] + t * beam.direction[axis][l]) as f32;
             d[axis][l] = (beam.direction[axis][l] * beam.distance[l]) as f32;
         }
-        if SQUARED {
+        if squared {
             depth[l] = (t * beam.nearness) as f32;
             rise[l] = (beam.distance[l] * beam.nearness) as f32;
         }
@@ -95,7 +95,7 @@ pub(crate) unsafe fn comb<S: Simd, T: Voxel, W: Weights<T>, const SQUARED: bool>
             let base = S::iadd(S::iadd(c[0], origin), S::iadd(S::imul(c[1], strides[1]), S::imul(c[2], strides[2])));
             let w = field.read::<S>(c, base, active, &mut work.border);
             let mut rho = trilinear::<S>(&w, f);
-            if SQUARED {
+            if squared {
                 let t = S::add(depth, S::mul(n, rise));
                 rho = S::mul(rho, S::mul(t, t));
             }
@@ -118,8 +118,8 @@ struct Line<S: Simd> {
     u: [S::F; 3],
     d: [S::F; 3],
     c: [S::F; 3],
-    depth: S::F,
-    rise: S::F,
+    /// Depth at `t = 0` and its rise, where the estimand weighs with its square.
+    depth: Option<[S::F; 2]>,
 }
 
 impl<S: Simd> Line<S> {
@@ -128,17 +128,15 @@ impl<S: Simd> Line<S> {
     /// # Safety
     /// As [`Simd`].
     #[inline(always)]
-    unsafe fn at<const SQUARED: bool>(&self, w: &[S::F; 8], t: S::F) -> S::F {
-        let Self { u, d, c, depth, rise } = *self;
+    unsafe fn at(&self, w: &[S::F; 8], t: S::F) -> S::F {
+        let Self { u, d, c, depth } = *self;
         // SAFETY: the caller's promise of instructions, passed on.
         unsafe {
             let x = S::sub(S::add(u[0], S::mul(t, d[0])), c[0]);
             let y = S::sub(S::add(u[1], S::mul(t, d[1])), c[1]);
             let z = S::sub(S::add(u[2], S::mul(t, d[2])), c[2]);
             let rho = trilinear::<S>(w, [x, y, z]);
-            if !SQUARED {
-                return rho;
-            }
+            let Some([depth, rise]) = depth else { return rho };
             let z = S::add(depth, S::mul(t, rise));
             S::mul(rho, S::mul(z, z))
         }
@@ -156,9 +154,9 @@ const GAUSS_3_CENTRE: f32 = 8.0 / 9.0;
 /// # Safety
 /// As [`Simd`].
 #[inline(always)]
-pub(crate) unsafe fn cells<S: Simd, T: Voxel, W: Weights<T>, const SQUARED: bool>(
+pub(crate) unsafe fn cells<S: Simd, T: Voxel, W: Weights<T>>(
     field: &Corners<'_, T, W>,
-    beam: &Beam,
+    (beam, squared): (&Beam, bool),
     [near, far]: [f64; 2],
     sums: &mut Row<f64>,
     work: &mut Work,
@@ -240,16 +238,16 @@ pub(crate) unsafe fn cells<S: Simd, T: Voxel, W: Weights<T>, const SQUARED: bool
                 work.cells += u64::from(lanes);
                 let w = field.read::<S>(cell, base, active, &mut work.border);
                 let (m, h) = (S::mul(half, S::add(leave, t)), S::mul(half, S::sub(leave, t)));
-                let line = Line::<S> { u, d, c, depth, rise };
-                let value = if SQUARED {
+                let line = Line::<S> { u, d, c, depth: squared.then_some([depth, rise]) };
+                let value = if squared {
                     let x = S::mul(h, S::splat(GAUSS_3));
-                    let before = line.at::<SQUARED>(&w, S::sub(m, x));
-                    let after = line.at::<SQUARED>(&w, S::add(m, x));
-                    let centre = S::mul(S::splat(GAUSS_3_CENTRE), line.at::<SQUARED>(&w, m));
+                    let before = line.at(&w, S::sub(m, x));
+                    let after = line.at(&w, S::add(m, x));
+                    let centre = S::mul(S::splat(GAUSS_3_CENTRE), line.at(&w, m));
                     S::add(centre, S::mul(S::splat(GAUSS_3_SIDE), S::add(before, after)))
                 } else {
                     let x = S::mul(h, S::splat(GAUSS_2));
-                    S::add(line.at::<SQUARED>(&w, S::sub(m, x)), line.at::<SQUARED>(&w, S::add(m, x)))
+                    S::add(line.at(&w, S::sub(m, x)), line.at(&w, S::add(m, x)))
                 };
                 sum = S::add(sum, S::keep(active, S::mul(h, value)));
             }

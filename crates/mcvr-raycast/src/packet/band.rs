@@ -1,8 +1,4 @@
 //! The rays of a row of tiles, or of places of an image, on one thread.
-//!
-//! Packets side by side read the same lines of memory. Where a volume is larger than the inner caches, up to three quarters of the time
-//! are waiting for them, so [`BATCH`] packets at a time go through it together, slab by slab, and find there what the others fetched. Slabs are
-//! those of the view: sums do not depend on what else is in a batch.
 
 use std::ops::Range;
 
@@ -13,7 +9,7 @@ use super::beam::{Beam, Optics};
 use super::corners::{Corners, Weights};
 use super::driver::{Along, Seen};
 use super::lanes::{LANES, Portable, Row, Simd};
-use super::tiles::{SLOTS, TILE, Tiles};
+use super::tiles::{TILE, Tiles};
 use super::trace::{Work, cells, comb};
 #[cfg(target_arch = "x86_64")]
 use super::x86::{Avx2, Avx512};
@@ -22,12 +18,6 @@ use crate::points::Points;
 
 /// Gaps in depth that are not worth a new start, in samples of a comb or in voxels.
 const GAP: f64 = 4.0;
-
-/// Packets that go through the volume together.
-pub(super) const BATCH: usize = 32;
-
-/// Thickness of slabs, in samples of a comb or in voxels.
-const SLAB: f64 = 32.0;
 
 /// Which rays are cast, and where what they see goes.
 pub(super) enum What<'w> {
@@ -110,50 +100,41 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
     /// As [`Simd`].
     #[inline(always)]
     unsafe fn cast<S: Simd>(&self, what: &mut What<'_>, (counters, work): &mut (Counters, Work)) {
-        let mut batch: Vec<Packet> = Vec::with_capacity(BATCH);
-        let mut progress = Progress::default();
+        let mut progress = Progress { column: 0, places: ([(0, 0); TILE * TILE], 0), pixel: 0, ray: 0, place: 0 };
         let share = self.share();
         loop {
-            let more = match what {
-                What::Row(row, points, _) => self.fill_of_row(&mut batch, &mut progress, (*row, points), counters),
-                What::Places(places, _) => self.fill_of_places(&mut batch, &mut progress, places, counters),
+            let packet = match what {
+                What::Row(row, points, _) => self.next_of_row(&mut progress, (*row, points), counters),
+                What::Places(places, _) => self.next_of_places(&mut progress, places, counters),
             };
+            let Some(mut packet) = packet else { return };
             // SAFETY: the caller's promise, passed on.
-            unsafe { self.trace::<S>(&mut batch, work) };
+            unsafe { self.trace::<S>(&mut packet, work) };
             match what {
-                What::Row(_, points, out) => {
-                    let share = share / f64::from(points.rays());
-                    batch.drain(..).for_each(|packet| packet.add_to(out, share));
-                }
-                What::Places(_, seen) => {
-                    batch.drain(..).for_each(|packet| seen[packet.owners[0]] = packet.seen(share));
-                }
-            }
-            if !more {
-                return;
+                What::Row(_, points, out) => packet.add_to(out, share / f64::from(points.rays())),
+                What::Places(_, seen) => seen[packet.owners[0]] = packet.seen(share),
             }
         }
     }
 
-    /// Fills a batch with the next rays of a row of tiles; false where they were the last.
+    /// The next rays of a row of tiles that meet anything.
     #[inline(always)]
-    fn fill_of_row(
+    fn next_of_row(
         &self,
-        batch: &mut Vec<Packet>,
         progress: &mut Progress,
         (row, points): (usize, &Points),
         counters: &mut Counters,
-    ) -> bool {
+    ) -> Option<Packet> {
         let rays = points.rays();
         while progress.column < self.extent.width.div_ceil(TILE) {
             let column = progress.column;
             let mask = self.tiles.mask(column, row);
             if mask != 0 && !self.watch.cancelled() {
-                let (places, pixels) = self.pixels(column, row);
-                while progress.pixel < pixels {
-                    if batch.len() == BATCH {
-                        return true;
-                    }
+                if progress.pixel == 0 && progress.ray == 0 {
+                    progress.places = self.pixels(column, row);
+                }
+                let (places, pixels) = &progress.places;
+                while progress.pixel < *pixels {
                     let (mut px, mut py, mut phase) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
                     let (mut owners, mut used) = ([0usize; LANES], 0);
                     for l in 0..LANES {
@@ -162,45 +143,40 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
                         let [dx, dy, p] = points.of(at.0, at.1, progress.ray);
                         (px[l], py[l], phase[l]) = (at.0 as f64 + dx, at.1 as f64 + dy, p);
                         owners[l] = y * self.extent.width + at.0;
-                        used += usize::from(progress.pixel < pixels);
+                        used += usize::from(progress.pixel < *pixels);
                         progress.ray += 1;
                         if progress.ray == rays {
                             (progress.pixel, progress.ray) = (progress.pixel + 1, 0);
                         }
                     }
                     counters.rays += used as u64;
-                    let beam = self.optics.beam(&px, &py, &phase);
-                    batch.extend(Packet::new(beam, mask, owners, used));
+                    let packet = Packet::new(self.optics.beam(&px, &py, &phase), mask, owners, used);
+                    if packet.is_some() {
+                        return packet;
+                    }
                 }
             }
-            *progress = Progress { column: column + 1, ..Progress::default() };
+            (progress.column, progress.pixel, progress.ray) = (column + 1, 0, 0);
         }
-        false
+        None
     }
 
-    /// Fills a batch with the rays of the next places; false where they were the last.
+    /// The rays of the next places that meet anything.
     #[inline(always)]
-    fn fill_of_places(
-        &self,
-        batch: &mut Vec<Packet>,
-        progress: &mut Progress,
-        places: &[Places],
-        counters: &mut Counters,
-    ) -> bool {
+    fn next_of_places(&self, progress: &mut Progress, places: &[Places], counters: &mut Counters) -> Option<Packet> {
         while progress.place < places.len() {
-            if batch.len() == BATCH {
-                return true;
-            }
             let (n, p) = (progress.place, &places[progress.place]);
             progress.place += 1;
             let mask = self.tiles.mask_of(&p.columns, &p.rows);
             if mask != 0 && !self.watch.cancelled() {
                 counters.rays += LANES as u64;
-                let beam = self.optics.beam(&p.x, &p.y, &p.phases);
-                batch.extend(Packet::new(beam, mask, [n; LANES], LANES));
+                let packet = Packet::new(self.optics.beam(&p.x, &p.y, &p.phases), mask, [n; LANES], LANES);
+                if packet.is_some() {
+                    return packet;
+                }
             }
         }
-        false
+        None
     }
 
     /// From sums to the estimand.
@@ -224,31 +200,23 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
         (places, pixels)
     }
 
-    /// Takes packets through the volume.
+    /// Takes a packet through the volume.
     ///
     /// # Safety
     /// As [`Simd`].
     #[inline(always)]
-    unsafe fn trace<S: Simd>(&self, batch: &mut [Packet], work: &mut Work) {
-        let gap = GAP * self.optics.spacing;
-        let thick = if self.field.far() { self.tiles.slots_in(SLAB * self.optics.spacing) } else { SLOTS };
-        for first in (0..SLOTS).step_by(thick) {
-            let slots = first..(first + thick).min(SLOTS);
-            for packet in &mut *batch {
-                for piece in self.tiles.pieces(packet.mask, &slots, gap) {
-                    if packet.ends[1] <= piece[0] || piece[1] <= packet.ends[0] {
-                        continue;
-                    }
-                    let Packet { beam, sums, .. } = &mut *packet;
-                    let beam = (&*beam, self.optics.squared);
-                    // SAFETY: the caller's promise, passed on.
-                    unsafe {
-                        if self.optics.along == Along::Exact {
-                            cells::<S, T, W>(self.field, beam, piece, &mut sums[0], work);
-                        } else {
-                            comb::<S, T, W>(self.field, beam, piece, sums, work);
-                        }
-                    }
+    unsafe fn trace<S: Simd>(&self, Packet { beam, mask, ends, sums, .. }: &mut Packet, work: &mut Work) {
+        for piece in self.tiles.pieces(*mask, GAP * self.optics.spacing) {
+            if ends[1] <= piece[0] || piece[1] <= ends[0] {
+                continue;
+            }
+            let beam = (&*beam, self.optics.squared);
+            // SAFETY: the caller's promise, passed on.
+            unsafe {
+                if self.optics.along == Along::Exact {
+                    cells::<S, T, W>(self.field, beam, piece, &mut sums[0], work);
+                } else {
+                    comb::<S, T, W>(self.field, beam, piece, sums, work);
                 }
             }
         }
@@ -256,10 +224,10 @@ impl<T: Voxel, W: Weights<T>> Band<'_, '_, T, W> {
 }
 
 /// What is the next to be cast.
-#[derive(Default)]
 struct Progress {
-    /// Tile of a row, pixel of it, ray of that.
+    /// Tile of a row, its pixels, one of them, ray of that.
     column: usize,
+    places: ([(usize, usize); TILE * TILE], usize),
     pixel: usize,
     ray: u32,
     /// Or one of the places.

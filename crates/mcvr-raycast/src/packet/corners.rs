@@ -283,14 +283,16 @@ impl<'a, T: Voxel, W: Weights<T>> Corners<'a, T, W> {
         size_of_val(self.voxels) > NEAR
     }
 
-    /// Asks for the first voxels of cells, wherever they are.
+    /// Asks for the voxels of cells, wherever they are.
     ///
     /// # Safety
     /// As [`Simd`].
     #[inline(always)]
     pub unsafe fn prefetch<S: Simd>(&self, base: S::I) {
+        let (first, row, plane) = (self.voxels.as_ptr(), self.strides[1] as isize, self.strides[2] as isize);
+        let at = |offset: isize| first.wrapping_offset(offset);
         // SAFETY: the caller's promise, passed on.
-        unsafe { S::prefetch(self.voxels.as_ptr(), base) }
+        unsafe { S::prefetch([first, at(row), at(plane), at(plane + row)], base) }
     }
 
     /// Reads the cells at the border voxel by voxel.

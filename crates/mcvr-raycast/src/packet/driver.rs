@@ -4,7 +4,7 @@ use mcvr_scene::{Camera, Density, Estimand, Image, Watch};
 use mcvr_volume::{SimdLevel, Voxel};
 use rayon::prelude::*;
 
-use super::band::{BATCH, Band, Places, What};
+use super::band::{Band, Places, What};
 use super::beam::Optics;
 use super::corners::{Corners, Weights};
 use super::lanes::LANES;
@@ -80,6 +80,9 @@ pub(crate) type Square = [u32; 2];
 
 /// Rays of a square along an axis.
 pub(crate) const SIDE: usize = 4;
+
+/// Squares that a thread takes at a time, at most.
+const SQUARES: usize = 32;
 
 /// What the rays of a square saw.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -173,7 +176,7 @@ impl<'a, T: Voxel, W: Weights<T> + Send + 'a> Cast for Ready<'a, '_, T, W> {
             Places::new(px, py, phases, &self.tiles)
         };
         let mut seen = vec![Seen { values: [0.0; LANES], noise: 0.0 }; squares.len()];
-        let side_by_side = squares.len().div_ceil(4 * rayon::current_num_threads()).clamp(4, BATCH);
+        let side_by_side = squares.len().div_ceil(4 * rayon::current_num_threads()).clamp(4, SQUARES);
         let parts = squares.par_chunks(side_by_side).zip(seen.par_chunks_mut(side_by_side));
         let cast = |(squares, seen): (&[Square], &mut [Seen])| {
             let places: Vec<Places> = squares.iter().map(one).collect();

@@ -61,8 +61,8 @@ pub(crate) trait Simd: Copy + Send + Sync + 'static {
     /// Bit `n` is lane `n`.
     unsafe fn bits(m: Self::M) -> u32;
 
-    /// Asks for the memory at `base + index`, which need not be readable; a hint that may do nothing.
-    unsafe fn prefetch<T>(base: *const T, index: Self::I);
+    /// Asks for the memory at `index` of each row, which need not be readable; a hint that may do nothing.
+    unsafe fn prefetch<T>(rows: [*const T; 4], index: Self::I);
     /// The 4 bytes at `base + SCALE * index`, 0 where the mask is clear.
     unsafe fn gather<const SCALE: i32>(base: *const u8, index: Self::I, mask: Self::M) -> Self::I;
     /// The two floats from `base + index` on, 0 where the mask is clear.
@@ -224,7 +224,7 @@ impl Simd for Portable {
         bits
     }
     #[inline(always)]
-    unsafe fn prefetch<T>(_: *const T, _: Row<i32>) {}
+    unsafe fn prefetch<T>(_: [*const T; 4], _: Row<i32>) {}
     #[inline(always)]
     unsafe fn gather<const SCALE: i32>(base: *const u8, index: Row<i32>, mask: Row<bool>) -> Row<i32> {
         each!(l => if mask[l] {

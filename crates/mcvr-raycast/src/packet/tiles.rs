@@ -14,7 +14,7 @@ use rayon::prelude::*;
 pub(crate) const TILE: usize = 8;
 
 /// Depths that a tile tells apart: the bits of its mask.
-pub(super) const SLOTS: usize = 128;
+const SLOTS: usize = 128;
 
 /// Bricks are merged until there are at most this many.
 const MOST_BRICKS: usize = 1 << 15;
@@ -313,12 +313,6 @@ impl Tiles {
         rows.clone().flat_map(row).fold(0, |all, mask| all | mask)
     }
 
-    /// Slots that are as long as so much of the parameter, or all of them.
-    pub fn slots_in(&self, parameter: f64) -> usize {
-        // `as` saturates, and makes 0 of what is no number.
-        ((parameter / self.length).round() as usize).clamp(1, SLOTS)
-    }
-
     /// Tiles that places along an axis (0: x, 1: y) of the image lie in, of which those beyond the image count to the outermost.
     pub fn met(&self, places: &[f64], axis: usize) -> Range<usize> {
         let number = if axis == 0 { self.columns } else { self.masks.len() / self.columns };
@@ -328,11 +322,10 @@ impl Tiles {
         of(ends[0])..of(ends[1]) + 1
     }
 
-    /// Pieces of parameter that are marked among some slots, from near to far and disjoint. Gaps of less than `gap` between them are taken
-    /// along.
+    /// Pieces of parameter that are marked, from near to far and disjoint. Gaps of less than `gap` between them are taken along.
     #[inline(always)]
-    pub fn pieces(&self, mask: u128, slots: &Range<usize>, gap: f64) -> Pieces<'_> {
-        Pieces { tiles: self, mask: mask & (u128::MAX >> (SLOTS - slots.len()) << slots.start), gap }
+    pub fn pieces(&self, mask: u128, gap: f64) -> Pieces<'_> {
+        Pieces { tiles: self, mask, gap }
     }
 
     /// Parameter from one slot to the one after the last. Outermost pieces have no end, so that no rounding cuts the box's rim; the ray's

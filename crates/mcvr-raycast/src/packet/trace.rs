@@ -6,8 +6,9 @@ use super::beam::Beam;
 use super::corners::{Border, Corners, Weights, trilinear};
 use super::lanes::{LANES, Row, Simd};
 
-/// Samples from one to the one whose memory is asked for: gathers wait for theirs, and few of them wait side by side.
-const AHEAD: i32 = 12;
+/// Samples from one to the one whose memory is asked for: gathers wait for theirs, and few of them wait side by side. Measured at 2 to 20;
+/// from 4 on within 3 % of the best.
+const AHEAD: i32 = 6;
 
 /// Exact counts of the work of packets.
 #[derive(Clone, Copy, Default)]
@@ -78,17 +79,21 @@ pub(crate) unsafe fn comb<S: Simd, T: Voxel, W: Weights<T>>(
         let mut sum = S::splat(0.0);
         let mut turns = S::splat(0.0);
         let mut turn = S::splat(1.0);
-        let far = field.far();
-        for step in 0..most {
-            let active = S::igt(steps, S::isplat(step));
-            let n = S::splat(step as f32);
-            if far {
-                let n = S::splat((step + AHEAD) as f32);
+        let ahead = if field.far() { AHEAD } else { 0 };
+        for step in -ahead..most {
+            if ahead > 0 {
+                let n = S::splat((step + ahead) as f32);
                 let p = [S::add(u[0], S::mul(n, d[0])), S::add(u[1], S::mul(n, d[1])), S::add(u[2], S::mul(n, d[2]))];
                 let c = [S::truncate(p[0]), S::truncate(p[1]), S::truncate(p[2])];
                 let y = S::imul(c[1], strides[1]);
-                field.prefetch::<S>(S::iadd(S::iadd(c[0], origin), S::iadd(y, S::imul(c[2], strides[2]))));
+                let base = S::iadd(S::iadd(c[0], origin), S::iadd(y, S::imul(c[2], strides[2])));
+                field.prefetch::<S>(S::ikeep(S::igt(steps, S::isplat(step + ahead)), base));
+                if step < 0 {
+                    continue;
+                }
             }
+            let active = S::igt(steps, S::isplat(step));
+            let n = S::splat(step as f32);
             let p = [S::add(u[0], S::mul(n, d[0])), S::add(u[1], S::mul(n, d[1])), S::add(u[2], S::mul(n, d[2]))];
             let c = [S::truncate(p[0]), S::truncate(p[1]), S::truncate(p[2])];
             let f = [S::sub(p[0], S::float(c[0])), S::sub(p[1], S::float(c[1])), S::sub(p[2], S::float(c[2]))];

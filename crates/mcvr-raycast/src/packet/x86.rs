@@ -6,10 +6,16 @@ use super::lanes::{LANES, Row, Simd};
 
 /// Asks for the memory of every lane.
 #[inline(always)]
-unsafe fn prefetch_each<T>(base: *const T, index: &Row<i32>) {
+unsafe fn prefetch_each<T>([a, b, c, d]: [*const T; 4], index: &Row<i32>) {
     for &index in index {
+        let index = index as isize;
         // SAFETY: every processor with these lanes has the instruction, which reads nothing.
-        unsafe { _mm_prefetch::<_MM_HINT_T0>(base.wrapping_offset(index as isize).cast()) };
+        unsafe {
+            _mm_prefetch::<_MM_HINT_T0>(a.wrapping_offset(index).cast());
+            _mm_prefetch::<_MM_HINT_T0>(b.wrapping_offset(index).cast());
+            _mm_prefetch::<_MM_HINT_T0>(c.wrapping_offset(index).cast());
+            _mm_prefetch::<_MM_HINT_T0>(d.wrapping_offset(index).cast());
+        }
     }
 }
 
@@ -142,8 +148,8 @@ impl Simd for Avx512 {
         u32::from(m)
     }
     #[inline(always)]
-    unsafe fn prefetch<T>(base: *const T, index: __m512i) {
-        unsafe { prefetch_each(base, &Self::istore(index)) }
+    unsafe fn prefetch<T>(rows: [*const T; 4], index: __m512i) {
+        unsafe { prefetch_each(rows, &Self::istore(index)) }
     }
     #[inline(always)]
     unsafe fn gather<const SCALE: i32>(base: *const u8, index: __m512i, mask: __mmask16) -> __m512i {
@@ -319,8 +325,8 @@ impl Simd for Avx2 {
         }
     }
     #[inline(always)]
-    unsafe fn prefetch<T>(base: *const T, index: Self::I) {
-        unsafe { prefetch_each(base, &Self::istore(index)) }
+    unsafe fn prefetch<T>(rows: [*const T; 4], index: Self::I) {
+        unsafe { prefetch_each(rows, &Self::istore(index)) }
     }
     #[inline(always)]
     unsafe fn gather<const SCALE: i32>(base: *const u8, index: Self::I, mask: Self::M) -> Self::I {

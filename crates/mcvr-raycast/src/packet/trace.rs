@@ -10,6 +10,9 @@ use super::lanes::{LANES, Row, Simd};
 /// from 4 on within 3 % of the best.
 const AHEAD: i32 = 6;
 
+/// Voxels to those whose memory is asked for where cells are integrated.
+const LEAD: i32 = 4;
+
 /// Exact counts of the work of packets.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Work {
@@ -209,6 +212,7 @@ pub(crate) unsafe fn cells<S: Simd, T: Voxel, W: Weights<T>>(
             cell[axis][l] = if whole > dims[axis] as i32 { dims[axis] as i32 } else { whole };
         }
     }
+    debug_assert!(dims.iter().sum::<usize>() < i32::MAX as usize - 6, "indices of voxels fit");
     // SAFETY: the caller's promise of instructions, passed on; addresses are `Corners::read`'s care.
     unsafe {
         let u = [S::load(&u[0]), S::load(&u[1]), S::load(&u[2])];
@@ -225,8 +229,25 @@ pub(crate) unsafe fn cells<S: Simd, T: Voxel, W: Weights<T>>(
         let half = S::splat(0.5);
         let mut t = S::splat(0.0);
         let mut sum = S::splat(0.0);
+        let lead = if field.far() { LEAD } else { 0 };
+        // From a voxel to the next along the axis that the ray follows most.
+        let negative =
+            [S::sub(S::splat(0.0), inverse[0]), S::sub(S::splat(0.0), inverse[1]), S::sub(S::splat(0.0), inverse[2])];
+        let sizes = [S::max(inverse[0], negative[0]), S::max(inverse[1], negative[1]), S::max(inverse[2], negative[2])];
+        let voxel = S::min(S::min(sizes[0], sizes[1]), sizes[2]);
         // A straight line meets at most this many cells; the bound also ends walks on which rounding keeps `t` from advancing.
-        for _ in 0..dims.iter().sum::<usize>() + 6 {
+        for n in -lead..dims.iter().sum::<usize>() as i32 + 6 {
+            if lead > 0 {
+                let t = S::add(t, S::mul(S::splat((if n < 0 { n + lead } else { lead }) as f32), voxel));
+                let p = [S::add(u[0], S::mul(t, d[0])), S::add(u[1], S::mul(t, d[1])), S::add(u[2], S::mul(t, d[2]))];
+                let c = [S::truncate(p[0]), S::truncate(p[1]), S::truncate(p[2])];
+                let rows = S::iadd(S::imul(c[1], strides[1]), S::imul(c[2], strides[2]));
+                let base = S::iadd(S::iadd(rows, c[0]), S::isplat(field.origin()));
+                field.prefetch::<S>(S::ikeep(S::lt(t, end), base));
+                if n < 0 {
+                    continue;
+                }
+            }
             let left = S::lt(t, end);
             if S::bits(left) == 0 {
                 break;

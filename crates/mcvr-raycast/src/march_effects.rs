@@ -55,10 +55,16 @@ pub fn march_with_look(
 
 impl LookMarch {
     /// An image without effects along its rays, in the look's colour.
-    fn tinted(camera: &Camera, look: &Look, MarchImage { image, counters, seconds }: MarchImage) -> Self {
-        let count = if look.is_coloured() { 3 } else { 1 };
+    fn tinted(camera: &Camera, look: &Look, MarchImage { mut image, counters, seconds }: MarchImage) -> Self {
         let channel = |t: &f64| image_of(camera, image.values().iter().map(|v| v * t));
-        let channels = look.tint[..count].iter().map(channel).collect();
+        let channels = if look.is_coloured() {
+            look.tint.iter().map(channel).collect()
+        } else {
+            if look.tint[0] != 1.0 {
+                image.values_mut().iter_mut().for_each(|v| *v *= look.tint[0]);
+            }
+            vec![image]
+        };
         Self { channels, counters, seconds }
     }
 }

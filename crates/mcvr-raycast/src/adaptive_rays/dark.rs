@@ -30,6 +30,10 @@ impl Dark {
 
     /// Whether a square of so many pixels along its side meets a tile that is not dark.
     pub fn meets(&self, at: &Square, side: usize) -> bool {
+        if side <= TILE && TILE.is_multiple_of(side) {
+            let [x, y] = at.map(|n| n as usize / (TILE / side));
+            return self.lit[y * self.columns + x];
+        }
         let tiles = |n: u32| n as usize * side / TILE..((n as usize + 1) * side).div_ceil(TILE);
         tiles(at[1]).any(|y| self.lit[y * self.columns..][tiles(at[0])].contains(&true))
     }

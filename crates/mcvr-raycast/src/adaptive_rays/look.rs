@@ -135,14 +135,14 @@ impl Look for Looking<'_> {
         rounds.options.comb = Some(Comb { step, noise: 1.0 });
         let before = rounds.counters;
         let mut raster = rounds.first(&squares);
-        let (pilot, expected) = self.pilot(&mut rounds, (step, before), &mut raster, &squares);
+        let (pilot, candidates) = self.pilot(&mut rounds, (step, before), &mut raster, &squares);
         let Some(options) = (self.judge)(&pilot) else { return Ok((pilot, None)) };
         options.check(self.density)?;
         let first = Some(pilot.first);
         let same = (options.coarsest, options.first.or(options.comb), options.estimand, options.seed)
             == (self.of_first.coarsest, first, self.of_first.estimand, self.of_first.seed);
         let made = if same {
-            Rounds { options, ..rounds }.rest(raster, squares, Some(expected))
+            Rounds { options, ..rounds }.rest(raster, squares, Some(candidates))
         } else {
             let mut rounds = Rounds { options, rays: vec![], ..rounds };
             let squares = rounds.places();
@@ -184,7 +184,7 @@ impl Looking<'_> {
         (first, before): (f64, Counters),
         raster: &mut Raster,
         squares: &[Square],
-    ) -> (Pilot, Vec<f64>) {
+    ) -> (Pilot, (Vec<Square>, Vec<f64>)) {
         let LookOptions { others, truth, squares: most, seed, .. } = *self.options;
         let number = rounds.counters.rays - before.rays;
         let steps = (rounds.counters.evaluations - before.evaluations) as f64 * first / number.max(1) as f64;
@@ -232,8 +232,7 @@ impl Looking<'_> {
         combs.sort_by(|a, b| a.comb.step.total_cmp(&b.comb.step));
         // What the first rays' noise looks like is no error between them.
         raster.scale_noise(of_first.comb.noise);
-        let candidates = rounds.children(squares, 8);
-        let expected = rounds.expected(&*raster, &candidates, 4);
+        let (candidates, expected) = rounds.candidates(&*raster, squares, 4);
         let all = rounds.unit();
         let lefts: Vec<f64> = expected.iter().map(|e| if all > 0.0 { e / all } else { 0.0 }).collect();
         let pilot = Pilot {
@@ -248,6 +247,6 @@ impl Looking<'_> {
             steps,
             counters: rounds.counters,
         };
-        (pilot, expected)
+        (pilot, (candidates, expected))
     }
 }

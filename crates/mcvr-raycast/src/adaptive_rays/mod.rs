@@ -191,6 +191,9 @@ fn fall(pitch: usize) -> f64 {
 /// Variance of the polynomial through rays with noise, in units of theirs.
 const BETWEEN: f64 = 0.8;
 
+/// Candidates that a thread looks at together.
+const CANDIDATES: usize = 2048;
+
 /// Squared fourth differences, along both axes, of values that are noise with a variance of 1.
 const NOISY: f64 = 2.0 * 70.0;
 
@@ -294,8 +297,22 @@ impl<'a> Rounds<'a> {
         let (level, factor) = (SimdLevel::detect(), bend(pitch).powi(2) * (pitch * pitch) as f64);
         // Of 2 by 2 rays.
         let noise = DOUBT * NOISY * 4.0;
-        let one = |at: &Square| factor * (raster.bend(level, *at) - noise * raster.noise_around(*at)).max(0.0);
-        candidates.par_iter().with_min_len(256).map(one).collect()
+        let parent = |at: &Square| at.map(|v| v / 2);
+        let mut all = vec![0.0; candidates.len()];
+        let parts = all.par_chunks_mut(CANDIDATES).zip(candidates.par_chunks(CANDIDATES));
+        parts.for_each(|(mut all, candidates)| {
+            // The candidates of a square lie side by side.
+            for group in candidates.chunk_by(|a, b| parent(a) == parent(b)) {
+                let at = parent(&group[0]);
+                let (bends, noise) = (raster.bends(level, at), noise * raster.noise_around(at));
+                let (out, rest) = std::mem::take(&mut all).split_at_mut(group.len());
+                for (out, [x, y]) in out.iter_mut().zip(group) {
+                    *out = factor * (bends[(y % 2 * 2 + x % 2) as usize] - noise).max(0.0);
+                }
+                all = rest;
+            }
+        });
+        all
     }
 
     /// Casts squares of rays at a distance; their noise is what the comb's is taken for.
@@ -341,8 +358,20 @@ impl<'a> Rounds<'a> {
         raster
     }
 
-    /// All rays but the first, and the image. `expected` is what closer rays are expected to gain, where that is known already.
-    fn rest(mut self, mut raster: Raster, mut parents: Vec<Square>, mut expected: Option<Vec<f64>>) -> AdaptiveImage {
+    /// Candidates for rays at half a distance, and what they are expected to gain.
+    fn candidates(&self, raster: &Raster, parents: &[Square], pitch: usize) -> (Vec<Square>, Vec<f64>) {
+        let candidates = self.children(parents, 2 * pitch);
+        let expected = self.expected(raster, &candidates, pitch);
+        (candidates, expected)
+    }
+
+    /// All rays but the first, and the image. `first` are the first candidates, where they are known already.
+    fn rest(
+        mut self,
+        mut raster: Raster,
+        mut parents: Vec<Square>,
+        mut first: Option<(Vec<Square>, Vec<f64>)>,
+    ) -> AdaptiveImage {
         let mut pitch = self.options.coarsest as usize;
         let mut at_first = None;
         let mut needs;
@@ -350,8 +379,8 @@ impl<'a> Rounds<'a> {
         loop {
             // The first rays may miss most of an image of few pixels.
             self.set_mean(self.mean_of(&raster, pitch));
-            candidates = self.children(&parents, 2 * pitch);
-            let expected = expected.take().unwrap_or_else(|| self.expected(&raster, &candidates, pitch));
+            let expected;
+            (candidates, expected) = first.take().unwrap_or_else(|| self.candidates(&raster, &parents, pitch));
             at_first.get_or_insert_with(|| share(expected.iter().sum(), self.unit()));
             needs = Needs::new(expected.into_iter());
             // What the first rays do not show, a sample of closer ones does.
@@ -384,15 +413,16 @@ impl<'a> Rounds<'a> {
             let at = at as usize * side;
             at + side > MARGIN && at < MARGIN + pixels
         };
-        let child = |[x, y]: &Square| {
+        let mut all = Vec::with_capacity(4 * parents.len());
+        for [x, y] in parents {
             let (x, y) = (2 * x, 2 * y);
-            [[x, y], [x + 1, y], [x, y + 1], [x + 1, y + 1]]
-        };
-        parents
-            .iter()
-            .flat_map(child)
-            .filter(|at| inside(at[0], width) && inside(at[1], height) && self.dark.meets(at, side))
-            .collect()
+            for at in [[x, y], [x + 1, y], [x, y + 1], [x + 1, y + 1]] {
+                if inside(at[0], width) && inside(at[1], height) && self.dark.meets(&at, side) {
+                    all.push(at);
+                }
+            }
+        }
+        all
     }
 
     /// Casts rays at a distance of `pitch` where they are needed: values at all places, and the squares with rays of their own.

@@ -1,5 +1,7 @@
 //! Values at the rays of one distance, known at some places and told from coarser ones elsewhere.
 
+use std::ops::Range;
+
 use mcvr_volume::{SimdLevel, vectorised};
 use rayon::prelude::*;
 
@@ -17,8 +19,14 @@ pub(super) struct Raster {
 /// Rows that are made together.
 const BAND: usize = 16;
 
-/// Values around the 2 by 2 of a candidate from which its bend is told: three on every side.
-const PATCH: usize = 8;
+/// Rows of values from which the bends of a square are told: three beyond it on every side.
+const ROWS: usize = SIDE + 6;
+
+/// Values of each row: as many, and two more for whole vectors.
+const COLUMNS: usize = ROWS + 2;
+
+/// Bends that are told at once along a row.
+const WIDE: usize = 8;
 
 vectorised! {
     /// A row of values at twice the distance's places along the row, from five rows of values around it.
@@ -43,28 +51,45 @@ fn finer_row_body(rows: [&[f64]; 5], down: [f64; 5], along: [[f64; 5]; 2], colum
 }
 
 vectorised! {
-    /// Sum over the middle 2 by 2 of a patch of the squares of fourth differences along both axes, each averaged over a neighbourhood of 3 by 3.
-    fn bend_of_patch(patch: &[[f64; PATCH]; PATCH]) -> f64 = bend_of_patch_body
+    /// For each quarter of a square the sum over its 2 by 2 values of the squares of fourth differences along both axes, each averaged over a
+    /// neighbourhood of 3 by 3.
+    fn bends_of_rows(rows: &[&[f64; COLUMNS]; ROWS]) -> [f64; 4] = bends_of_rows_body
 }
 
 #[inline(always)]
 #[allow(clippy::needless_range_loop, reason = "vector code wants plain loops")]
-fn bend_of_patch_body(patch: &[[f64; PATCH]; PATCH]) -> f64 {
-    // Those that meet each of the 4 by 4 values around the middle among the four neighbourhoods.
+fn bends_of_rows_body(rows: &[&[f64; COLUMNS]; ROWS]) -> [f64; 4] {
+    // Those that meet each of the 4 by 4 values around a quarter among the four neighbourhoods.
     const SHARES: [f64; 4] = [1.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0, 1.0 / 3.0];
-    let mut sum = [0.0; 4];
-    for y in 0..4 {
-        for x in 0..4 {
-            let (row, column) = (&patch[y + 2], x + 2);
-            let along =
-                row[column - 2] - 4.0 * row[column - 1] + 6.0 * row[column] - 4.0 * row[column + 1] + row[column + 2];
-            let down = patch[y][column] - 4.0 * patch[y + 1][column] + 6.0 * patch[y + 2][column]
-                - 4.0 * patch[y + 3][column]
-                + patch[y + 4][column];
-            sum[x] += SHARES[y] * (along * along + down * down);
+    let mut sums = [[0.0; WIDE]; 2];
+    for y in 0..SIDE + 2 {
+        let [a, b, c, d, e] = [rows[y], rows[y + 1], rows[y + 2], rows[y + 3], rows[y + 4]];
+        let mut squares = [0.0; WIDE];
+        for x in 0..WIDE {
+            let along = c[x] - 4.0 * c[x + 1] + 6.0 * c[x + 2] - 4.0 * c[x + 3] + c[x + 4];
+            let down = a[x + 2] - 4.0 * b[x + 2] + 6.0 * c[x + 2] - 4.0 * d[x + 2] + e[x + 2];
+            squares[x] = along * along + down * down;
+        }
+        // The lower quarters begin two values further down.
+        for (n, sums) in sums.iter_mut().enumerate() {
+            if (2 * n..2 * n + 4).contains(&y) {
+                for x in 0..WIDE {
+                    sums[x] += SHARES[y - 2 * n] * squares[x];
+                }
+            }
         }
     }
-    (SHARES[0] * sum[0] + SHARES[1] * sum[1]) + (SHARES[2] * sum[2] + SHARES[3] * sum[3])
+    let of = |n: usize| {
+        let v = &sums[n / 2][2 * (n % 2)..][..4];
+        (SHARES[0] * v[0] + SHARES[1] * v[1]) + (SHARES[2] * v[2] + SHARES[3] * v[3])
+    };
+    [of(0), of(1), of(2), of(3)]
+}
+
+/// Where a row has other values than 0.
+fn lit(row: &[f64]) -> Range<usize> {
+    let from = row.iter().position(|v| *v != 0.0).unwrap_or(row.len());
+    from..row.iter().rposition(|v| *v != 0.0).map_or(from, |last| last + 1)
 }
 
 impl Raster {
@@ -82,20 +107,25 @@ impl Raster {
         let along = [basis(-0.25), basis(0.25)];
         let mut out = Self::zeros([2 * across, 2 * down]);
         let (level, none) = (SimdLevel::detect(), vec![0.0; across]);
+        // Most of many images is dark.
+        let lit: Vec<Range<usize>> = self.values.chunks_exact(across.max(1)).map(lit).collect();
         out.values.par_chunks_mut(BAND * 2 * across).enumerate().for_each(|(band, rows)| {
             let mut column = vec![0.0; across + 4];
             for (n, out) in rows.chunks_exact_mut(2 * across).enumerate() {
                 let y = band * BAND + n;
+                let around = (y / 2).saturating_sub(2)..(y / 2 + 3).min(down);
+                let spans = lit[around].iter().filter(|r| !r.is_empty()).cloned();
+                let Some(span) = spans.reduce(|a, b| a.start.min(b.start)..a.end.max(b.end)) else { continue };
+                // A value reaches two places along the row.
+                let span = span.start.saturating_sub(2)..(span.end + 2).min(across);
                 let from = |by: usize| {
                     let at = (y / 2 + by).checked_sub(2).filter(|at| *at < down);
                     at.map_or(&none[..], |at| &self.values[at * across..][..across])
                 };
-                let rows = [from(0), from(1), from(2), from(3), from(4)];
-                // Most of many images is dark.
-                if rows.iter().all(|r| r.iter().all(|v| *v == 0.0)) {
-                    continue;
-                }
-                finer_row(level, rows, along[y % 2], along, &mut column, out);
+                let rows = [from(0), from(1), from(2), from(3), from(4)].map(|r| &r[span.clone()]);
+                let (column, out) = (&mut column[..span.len() + 4], &mut out[2 * span.start..2 * span.end]);
+                column[span.len() + 2..].fill(0.0);
+                finer_row(level, rows, along[y % 2], along, column, out);
             }
         });
         let (stride, coarse) = (2 * across / SIDE, across / SIDE);
@@ -108,11 +138,28 @@ impl Raster {
         out
     }
 
-    /// Sum of squared fourth differences, along both axes, at the 2 by 2 values of a square of half the distance, and around them.
-    pub fn bend(&self, level: SimdLevel, at: Square) -> f64 {
-        let mut patch = [[0.0; PATCH]; PATCH];
-        let [x, y] = at.map(|v| 2 * v as usize);
-        let (left, right) = (3usize.saturating_sub(x), PATCH.min(self.across + 3 - x));
+    /// Sums of squared fourth differences, along both axes, at and around the 2 by 2 values of the quarters of a square: the squares of half the
+    /// distance, row by row.
+    pub fn bends(&self, level: SimdLevel, at: Square) -> [f64; 4] {
+        let [x, y] = at.map(|v| SIDE * v as usize);
+        let inside = x >= 3 && x + COLUMNS <= self.across + 3 && y >= 3 && y + ROWS <= self.down() + 3;
+        if !inside {
+            return self.bends_at_rim(level, [x, y]);
+        }
+        let from = &self.values[(y - 3) * self.across + x - 3..];
+        let mut rows = [&[0.0; COLUMNS]; ROWS];
+        for (n, row) in rows.iter_mut().enumerate() {
+            if let Some(values) = from[n * self.across..].first_chunk() {
+                *row = values;
+            }
+        }
+        bends_of_rows(level, &rows)
+    }
+
+    /// The same where a part of the values around is missing.
+    fn bends_at_rim(&self, level: SimdLevel, [x, y]: [usize; 2]) -> [f64; 4] {
+        let mut patch = [[0.0; COLUMNS]; ROWS];
+        let (left, right) = (3usize.saturating_sub(x), COLUMNS.min(self.across + 3 - x));
         for (n, row) in patch.iter_mut().enumerate() {
             if let Some(from) =
                 (y + n).checked_sub(3).and_then(|y| self.values.get(y * self.across..)?.get(..self.across))
@@ -120,12 +167,12 @@ impl Raster {
                 row[left..right].copy_from_slice(&from[x + left - 3..x + right - 3]);
             }
         }
-        bend_of_patch(level, &patch)
+        bends_of_rows(level, &patch.each_ref())
     }
 
-    /// Variance of rays around a square of half the distance: mean over 3 by 3 squares.
+    /// Variance of rays around a square: mean over 3 by 3 squares.
     pub fn noise_around(&self, at: Square) -> f64 {
-        let [x, y] = at.map(|v| v as usize / 2);
+        let [x, y] = at.map(|v| v as usize);
         let stride = self.across / SIDE;
         let rows = y.saturating_sub(1)..(y + 2).min(self.noise.len() / stride);
         let columns = x.saturating_sub(1)..(x + 2).min(stride);
@@ -210,7 +257,7 @@ mod tests {
             }
         }
         for level in SimdLevel::available() {
-            assert!(coarse.bend(level, [5, 6]) < 1e-15);
+            assert!(coarse.bends(level, [2, 3]).iter().all(|b| *b < 1e-15));
         }
         // Second differences of a cubic in each.
         assert!((raster(9, |x, y| x * x + 2.0 * y * y).curvature(4, 4) - 6.0).abs() < 1e-12);
@@ -237,7 +284,9 @@ mod tests {
                     sum += square(px + n % 3 - 1, py + n / 3 - 1) / 9.0;
                 }
             }
-            let told: Vec<f64> = SimdLevel::available().into_iter().map(|l| all.bend(l, candidate)).collect();
+            let quarter = (candidate[1] % 2 * 2 + candidate[0] % 2) as usize;
+            let of = |level| all.bends(level, candidate.map(|v| v / 2))[quarter];
+            let told: Vec<f64> = SimdLevel::available().into_iter().map(of).collect();
             assert!(told.iter().all(|v| v.to_bits() == told[0].to_bits()));
             assert!((told[0] - sum).abs() < 1e-9 * sum, "{candidate:?}: {} {sum}", told[0]);
         }
@@ -254,9 +303,9 @@ mod tests {
         assert_eq!(all.square([1, 2]), values);
         assert_eq!(all.sum_of_square([1, 2]), -120.0);
         assert_eq!((all.noise_at([1, 2]), all.noise_at([2, 1])), (18.0, 0.0));
-        // The squares of half the distance in a square, and those beside it.
-        assert_eq!([[3, 4], [1, 7], [4, 2]].map(|at| all.noise_around(at)), [2.0; 3]);
-        assert_eq!(all.noise_around([6, 4]), 0.0);
+        // The square, and those beside it.
+        assert_eq!([[1, 2], [0, 3], [2, 1]].map(|at| all.noise_around(at)), [2.0; 3]);
+        assert_eq!(all.noise_around([3, 2]), 0.0);
         let fine = all.finer();
         assert_eq!([[2, 4], [3, 5], [4, 4]].map(|at| fine.noise_at(at)), [18.0, 18.0, 0.0]);
     }

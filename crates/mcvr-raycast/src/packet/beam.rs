@@ -67,7 +67,8 @@ impl Optics {
             nearness: self.nearness,
         };
         for axis in 0..3 {
-            let (o, d) = (r.origin.map(|v| v[axis]), r.direction.map(|v| v[axis]));
+            let of = |v: &[[f64; 3]; 3]| [v[0][axis], v[1][axis], v[2][axis]];
+            let (o, d) = (of(&r.origin), of(&r.direction));
             let (low, high) = (self.low[axis], self.high[axis]);
             for l in 0..LANES {
                 let origin = o[0] + o[1] * px[l] + o[2] * py[l];

@@ -252,32 +252,42 @@ impl Tiles {
         let frame = Frame { at, parallel, pixels: [extent.width, extent.height].map(|n| n as f64), start, length };
         let (blocks, level) = (boxes.blocks, SimdLevel::detect());
         let none = || vec![0u128; columns * rows];
+        let slack = |[low, high]: [f64; 2]| [low - SLACK, high + SLACK];
+        // Where blocks begin and end along x; there are none beyond the last.
+        let along_x: Vec<[f64; 2]> = (0..blocks[0].next_multiple_of(LANES))
+            .map(|n| n.min(blocks[0] - 1))
+            .map(|n| slack(boxes.span(0, n, n)))
+            .collect();
         let masks = (0..blocks[2])
             .into_par_iter()
             .with_min_len(4)
             .fold(none, |mut masks, bz| {
-                let wide = |axis: usize, n: usize| boxes.span(axis, n, n);
-                let slack = |[low, high]: [f64; 2]| [low - SLACK, high + SLACK];
                 let mut found: Outlines = [[[0; LANES]; 2]; 3];
+                let z = slack(boxes.span(2, bz, bz));
                 for by in 0..blocks[1] {
+                    let y = slack(boxes.span(1, by, by));
                     for first in (0..blocks[0]).step_by(LANES) {
                         let mut full = boxes.full(first, by, bz);
                         if full == 0 {
                             continue;
                         }
-                        let last = blocks[0] - 1;
-                        let spans: [[f64; 2]; LANES] = std::array::from_fn(|l| slack(wide(0, (first + l).min(last))));
-                        let x = [spans.map(|s| s[0]), spans.map(|s| s[1])];
-                        let (y, z) = (slack(wide(1, by)), slack(wide(2, bz)));
+                        let mut x = [[0.0; LANES]; 2];
+                        for l in 0..LANES {
+                            let [from, to] = along_x[first + l];
+                            (x[0][l], x[1][l]) = (from, to);
+                        }
                         // The whole box lies beyond the near plane, and so do its parts.
                         outlines(level, &frame, &x, y, z, &mut found);
                         while full != 0 {
                             let l = full.trailing_zeros() as usize;
                             full &= full - 1;
-                            let [x, y, [a, b]] = found.map(|ends| ends.map(|e| e[l] as usize));
+                            let at = |axis: usize| (found[axis][0][l] as usize, found[axis][1][l] as usize);
+                            let (x, y, (a, b)) = (at(0), at(1), at(2));
                             let bits = (u128::MAX >> (SLOTS - 1 - (b - a))) << a;
-                            for row in masks[y[0] * columns..y[1] * columns].chunks_exact_mut(columns) {
-                                row[x[0]..x[1]].iter_mut().for_each(|mask| *mask |= bits);
+                            for row in y.0..y.1 {
+                                for mask in &mut masks[row * columns..][x.0..x.1] {
+                                    *mask |= bits;
+                                }
                             }
                         }
                     }

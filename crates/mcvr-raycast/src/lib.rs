@@ -54,7 +54,7 @@ mod view;
 mod walk;
 
 pub use adaptive_rays::{
-    AdaptiveImage, AdaptiveOptions, Comb, LookOptions, Pilot, Tried, cast_adaptive_rays, look_and_cast,
+    AdaptiveImage, AdaptiveOptions, Comb, Glance, LookOptions, Pilot, Tried, cast_adaptive_rays, look_and_cast,
     serves_adaptive_rays,
 };
 pub use counters::Counters;

@@ -215,7 +215,7 @@ fn a_look_is_the_beginning_of_the_image() {
             *kept.borrow_mut() = Some(pilot.clone());
             Some(chosen(pilot))
         };
-        let (pilot, image) = look_and_cast(&d, &camera, &look, &judge, &Watch::default()).unwrap().unwrap();
+        let (pilot, image) = look_and_cast(&d, &camera, &look, &|_| true, &judge, &Watch::default()).unwrap().unwrap();
         let image = image.unwrap();
         assert_eq!(kept.take().as_ref(), Some(&pilot));
         let direct = cast(&d, &camera, &chosen(&pilot));
@@ -223,7 +223,7 @@ fn a_look_is_the_beginning_of_the_image() {
         // The first rays are cast once where they serve.
         assert_eq!(image.made.counters.rays, direct.made.counters.rays + looked(&pilot) + anew * pilot.rays);
     }
-    let (pilot, image) = look_and_cast(&d, &camera, &look, &|_| None, &Watch::default()).unwrap().unwrap();
+    let (pilot, image) = look_and_cast(&d, &camera, &look, &|_| true, &|_| None, &Watch::default()).unwrap().unwrap();
     assert_eq!(image, None);
     assert_eq!(pilot.combs.iter().map(|c| c.comb.step).collect::<Vec<_>>(), [0.5 * pilot.first.step, pilot.first.step]);
     // The first rays err about as wanted; less in a field as smooth as this, where what twice the distance adds is most of it.

@@ -37,11 +37,29 @@ pub struct LookOptions<'a> {
 
 impl LookOptions<'_> {
     /// Least and greatest distance between samples of the first rays, in units of what they begin with.
-    pub const RANGE: [f64; 2] = [0.3, 1.5];
+    pub const RANGE: [f64; 2] = [0.3, 2.5];
 }
 
 /// Squares of 16 rays by which the first rays' distance is set.
 const GLANCE: usize = 16;
+
+/// Fewest samples of the first rays whose distance is more than [`STRETCH`] times what they begin with.
+const FEWEST: f64 = 4.0;
+const STRETCH: f64 = 1.5;
+
+/// Closer samples than this, in voxels, take longer than exact rays.
+const CLOSEST: f64 = 0.5;
+
+/// What is known before the first rays are cast.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Glance {
+    /// First rays, one for 4 by 4 pixels, that can meet density.
+    pub rays: u64,
+    /// Samples at a distance of 1 a ray, of some of them.
+    pub steps: f64,
+    /// Their distance for the error that is wanted.
+    pub first: f64,
+}
 
 /// A comb, and the error along single rays that it leaves.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -78,9 +96,10 @@ pub struct Pilot {
     pub counters: Counters,
 }
 
-/// Looks at an image, and goes on as `judge` says by what was found: with adaptive rays, of which those of the look are the first where
-/// [`coarsest`](AdaptiveOptions::coarsest) and [`first`](AdaptiveOptions::first) are the look's, or not at all. `None` where rays are not cast
-/// in packets. The same numbers for any number of threads; the image is that of [`cast_adaptive_rays`](crate::cast_adaptive_rays).
+/// Looks at an image where `begin` says so after a glance, and goes on as `judge` says by what was found: with adaptive rays, of which those of
+/// the look are the first where [`coarsest`](AdaptiveOptions::coarsest) and [`first`](AdaptiveOptions::first) are the look's, or no further.
+/// `None` where it was not looked, or rays are not cast in packets. The same numbers for any number of threads; the image is that of
+/// [`cast_adaptive_rays`](crate::cast_adaptive_rays).
 ///
 /// # Errors
 /// As [`cast_adaptive_rays`](crate::cast_adaptive_rays); [`RaycastError::Left`] for an unusable [`LookOptions::wanted`], too.
@@ -88,6 +107,7 @@ pub fn look_and_cast(
     density: &Density,
     camera: &Camera,
     options: &LookOptions<'_>,
+    begin: &dyn Fn(&Glance) -> bool,
     judge: &dyn Fn(&Pilot) -> Option<AdaptiveOptions>,
     watch: &Watch,
 ) -> Result<Option<(Pilot, Option<AdaptiveImage>)>, RaycastError> {
@@ -101,19 +121,21 @@ pub fn look_and_cast(
     // What rays see by turns stays as it is until the noise is known.
     let of_first = AdaptiveOptions { comb: Some(Comb { noise: 1.0, ..first }), ..of_first };
     let wide = wide(camera)?;
-    let looking = Looking { options, of_first, judge, density, scene: Scene::new(density, camera, watch) };
+    let looking = Looking { options, of_first, begin, judge, density, scene: Scene::new(density, camera, watch) };
     match Packets::new(density).look(&wide, estimand, watch, looking) {
         None => Ok(None),
         Some(_) if watch.cancelled() => Err(RaycastError::Cancelled),
         Some(Err(e)) => Err(e),
-        Some(Ok((pilot, None))) => Ok(Some((pilot, None))),
-        Some(Ok((pilot, Some(made)))) => Ok(Some((pilot, Some(finished(made, camera, watch, start)?)))),
+        Some(Ok(None)) => Ok(None),
+        Some(Ok(Some((pilot, None)))) => Ok(Some((pilot, None))),
+        Some(Ok(Some((pilot, Some(made))))) => Ok(Some((pilot, Some(finished(made, camera, watch, start)?)))),
     }
 }
 
 struct Looking<'a> {
     options: &'a LookOptions<'a>,
     of_first: AdaptiveOptions,
+    begin: &'a dyn Fn(&Glance) -> bool,
     judge: &'a dyn Fn(&Pilot) -> Option<AdaptiveOptions>,
     density: &'a Density,
     scene: Scene<'a>,
@@ -125,18 +147,22 @@ impl Pilot {
 }
 
 impl Look for Looking<'_> {
-    type Out = Result<(Pilot, Option<AdaptiveImage>), RaycastError>;
+    type Out = Result<Option<(Pilot, Option<AdaptiveImage>)>, RaycastError>;
 
     fn run(self, full: &[(usize, usize)], cast: &dyn Cast) -> Self::Out {
         let dark = Dark::beside(full, self.scene.extent);
         let mut rounds = Rounds::new(self.of_first, self.scene, cast, &dark);
         let squares = rounds.places();
-        let step = self.glance(&mut rounds, &squares);
+        let glance = self.glance(&mut rounds, &squares);
+        if !(self.begin)(&glance) {
+            return Ok(None);
+        }
+        let step = glance.first;
         rounds.options.comb = Some(Comb { step, noise: 1.0 });
         let before = rounds.counters;
         let mut raster = rounds.first(&squares);
         let (pilot, candidates) = self.pilot(&mut rounds, (step, before), &mut raster, &squares);
-        let Some(options) = (self.judge)(&pilot) else { return Ok((pilot, None)) };
+        let Some(options) = (self.judge)(&pilot) else { return Ok(Some((pilot, None))) };
         options.check(self.density)?;
         let first = Some(pilot.first);
         let same = (options.coarsest, options.first.or(options.comb), options.estimand, options.seed)
@@ -149,16 +175,16 @@ impl Look for Looking<'_> {
             let raster = rounds.first(&squares);
             rounds.rest(raster, squares, None)
         };
-        Ok((pilot, Some(made)))
+        Ok(Some((pilot, Some(made))))
     }
 }
 
 impl Looking<'_> {
     /// The distance at which single rays are expected to err as wanted, by what a few of them see by turns.
-    fn glance(&self, rounds: &mut Rounds<'_>, squares: &[Square]) -> f64 {
+    fn glance(&self, rounds: &mut Rounds<'_>, squares: &[Square]) -> Glance {
         let LookOptions { wanted, first, seed, .. } = *self.options;
         if squares.is_empty() {
-            return first.step;
+            return Glance { rays: 0, steps: 0.0, first: first.step };
         }
         let mut random = Pcg64Dxsm::new(u128::from(seed), 0x676c_616e);
         let shares = vec![1.0 / squares.len() as f64; squares.len()];
@@ -175,7 +201,9 @@ impl Looking<'_> {
         let [least, most] = LookOptions::RANGE;
         // Nothing seen, or nothing that differs.
         let by = if error > 0.0 && error.is_finite() { (wanted / error).sqrt() } else { 1.0 };
-        first.step * by.clamp(least, most)
+        let steps = work.evaluations as f64 * first.step / work.rays.max(1) as f64;
+        let most = most.min((steps / FEWEST / first.step).max(STRETCH));
+        Glance { rays: (LANES * squares.len()) as u64, steps, first: first.step * by.clamp(least, most) }
     }
 
     fn pilot(
@@ -204,7 +232,7 @@ impl Looking<'_> {
             rounds.counters += work;
             seen
         };
-        let truth = rays(truth.map(|d| first * d), 1);
+        let truth = rays(truth.map(|d| first * d).filter(|step| *step >= CLOSEST), 1);
         let pixels = self.scene.extent.pixels() as f64;
         // A square's share of the image: those at its rim are taken for whole.
         let area = (4 * 4 * LANES) as f64 / pixels;
@@ -226,7 +254,7 @@ impl Looking<'_> {
             Tried { comb: Comb { step, noise }, error }
         };
         let of_first = tried(first, &own);
-        let others = others.iter().map(|d| first * d).enumerate();
+        let others = others.iter().map(|d| first * d).enumerate().filter(|(_, step)| *step >= CLOSEST);
         let mut combs: Vec<Tried> = others.map(|(n, d)| tried(d, &rays(Some(d), n as u64 + 2))).collect();
         combs.push(of_first);
         combs.sort_by(|a, b| a.comb.step.total_cmp(&b.comb.step));

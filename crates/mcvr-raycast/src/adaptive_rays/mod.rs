@@ -26,7 +26,7 @@ use crate::packet::{Along, Cast, LANES, Look, Packets, SIDE, Seen, Square};
 use crate::points::Points;
 use crate::{Counters, MarchImage, MarchOptions, RayOptions, RaycastError};
 use dark::{Dark, region};
-pub use look::{LookOptions, Pilot, Tried, look_and_cast};
+pub use look::{Glance, LookOptions, Pilot, Tried, look_and_cast};
 use needs::Needs;
 use raster::Raster;
 
@@ -388,8 +388,9 @@ impl<'a> Rounds<'a> {
             if pitch == 1 || sampled && self.suffices(&needs) {
                 break;
             }
+            let Some(closer) = self.closer(pitch / 2, &raster, &candidates, &mut needs) else { break };
+            (raster, parents) = closer;
             pitch /= 2;
-            (raster, parents) = self.closer(pitch, &raster, &candidates, &mut needs);
         }
         let rays = if pitch == 1 { Rays::Grid(1) } else { Rays::Block(pitch as u32) };
         let first = MARGIN / pitch - average::MARGIN;
@@ -425,28 +426,50 @@ impl<'a> Rounds<'a> {
         all
     }
 
-    /// Casts rays at a distance of `pitch` where they are needed: values at all places, and the squares with rays of their own.
-    fn closer(&mut self, pitch: usize, coarse: &Raster, at: &[Square], needs: &mut Needs) -> (Raster, Vec<Square>) {
-        let mut raster = coarse.finer();
-        self.dark.over_raster(&mut raster, pitch);
+    /// Casts rays at a distance of `pitch` where they are needed: values at all places, and the squares with rays of their own. `None` where a
+    /// glance told that none are.
+    fn closer(
+        &mut self,
+        pitch: usize,
+        coarse: &Raster,
+        at: &[Square],
+        needs: &mut Needs,
+    ) -> Option<(Raster, Vec<Square>)> {
         let area = (pitch * pitch) as f64;
         let number = area * LANES as f64;
-        let mut all = vec![];
+        let mut all: Vec<Square> = vec![];
+        let mut glanced = vec![];
+        let mut raster: Option<Raster> = None;
         loop {
             let next = self.next(needs, fall(pitch));
             if next.is_empty() {
-                self.left += needs.left();
-                return (raster, all);
+                break;
+            }
+            if raster.is_none() && !needs.only_glanced() {
+                let mut finer = coarse.finer();
+                self.dark.over_raster(&mut finer, pitch);
+                all.iter().zip(&glanced).for_each(|(at, seen)| finer.put(*at, seen));
+                raster = Some(finer);
             }
             let squares: Vec<Square> = next.iter().map(|n| at[*n]).collect();
             let seen = self.squares(self.options.comb, pitch as f64, &squares);
-            let both = |at: Square, seen: &Seen| number * (seen.noise + BETWEEN * raster.noise_at(at));
-            let found = squares.iter().zip(&seen);
-            let found = found.map(|(at, s)| (area * raster.difference(*at, &s.values), both(*at, s)));
+            let found = squares.iter().zip(&seen).map(|(at, seen)| {
+                let (told, noise) = match &raster {
+                    Some(raster) => (raster.square(*at), raster.noise_at(*at)),
+                    None => (coarse.between(*at), coarse.noise_at(at.map(|v| v / 2))),
+                };
+                (area * difference(&told, &seen.values), number * (seen.noise + BETWEEN * noise))
+            });
             needs.found(&next, found);
-            squares.iter().zip(&seen).for_each(|(at, seen)| raster.put(*at, seen));
-            all.extend(squares);
+            all.extend(&squares);
+            match &mut raster {
+                Some(raster) => squares.iter().zip(&seen).for_each(|(at, seen)| raster.put(*at, seen)),
+                None => glanced.extend(seen),
+            }
         }
+        let raster = raster?;
+        self.left += needs.left();
+        Some((raster, all))
     }
 
     /// Casts several rays a pixel where they are needed: candidates are of 2 by 2 pixels at first, then of one.
@@ -526,6 +549,11 @@ fn share_with_neighbours(found: &mut [([u32; 2], f64)], across: usize) {
         }
         *square = 0.5 * (*square + sum / number);
     }
+}
+
+/// Sum of the squared differences between the values of two squares.
+fn difference(a: &[f64; LANES], b: &[f64; LANES]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
 }
 
 /// An error for a sum of squares, in units of the mean.

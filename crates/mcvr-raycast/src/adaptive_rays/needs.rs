@@ -76,6 +76,11 @@ impl Needs {
         self.ratio * self.sums[self.given..].iter().map(|s| s.0).sum::<f64>()
     }
 
+    /// Whether rays were given to no place that needs them: to none, or to a few that were glanced at.
+    pub fn only_glanced(&self) -> bool {
+        self.given == 0
+    }
+
     /// The places to be given rays next, so that at most `left` stays, where places with rays keep a share `fall` of their errors; none when
     /// that is expected already, but for a few at first, to see whether it is true. Where rays at all places leave more, the places without
     /// them may keep [`SHARE`] of `left`, and the others need closer ones.

@@ -174,9 +174,14 @@ impl Raster {
     pub fn noise_around(&self, at: Square) -> f64 {
         let [x, y] = at.map(|v| v as usize);
         let stride = self.across / SIDE;
-        let rows = y.saturating_sub(1)..(y + 2).min(self.noise.len() / stride);
-        let columns = x.saturating_sub(1)..(x + 2).min(stride);
-        rows.map(|y| self.noise[y * stride..][columns.clone()].iter().sum::<f64>()).sum::<f64>() / 9.0
+        let (first, last) = (x.saturating_sub(1), (x + 2).min(stride));
+        let mut sum = 0.0;
+        for row in y.saturating_sub(1)..(y + 2).min(self.noise.len() / stride) {
+            for noise in &self.noise[row * stride + first..row * stride + last] {
+                sum += noise;
+            }
+        }
+        sum / 9.0
     }
 
     /// Multiplies all variances.
@@ -223,15 +228,28 @@ impl Raster {
         self.square(at).iter().sum()
     }
 
-    /// Sum of the squared differences between a square's values and those that are in place.
-    pub fn difference(&self, at: Square, values: &[f64; LANES]) -> f64 {
-        let [x, y] = at.map(|v| SIDE * v as usize);
-        let rows = values.chunks_exact(SIDE).enumerate();
-        let row = |(n, row): (usize, &[f64])| {
-            let own = &self.values[(y + n) * self.across + x..][..SIDE];
-            own.iter().zip(row).map(|(a, b)| (a - b) * (a - b)).sum::<f64>()
+    /// The values at a square of half the distance, as [`Self::finer`] tells them.
+    pub fn between(&self, at: Square) -> [f64; LANES] {
+        let [left, top] = at.map(|v| SIDE / 2 * v as usize);
+        let along = [basis(-0.25), basis(0.25)];
+        let value = |x: usize, y: usize| {
+            let (x, y) = (x.checked_sub(2)?, y.checked_sub(2)?);
+            self.values.get(y * self.across..)?.get(..self.across)?.get(x).copied()
         };
-        rows.map(row).sum()
+        let mut values = [0.0; LANES];
+        for (y, row) in values.chunks_exact_mut(SIDE).enumerate() {
+            // The columns that the row's values are told from.
+            let t = &along[y % 2];
+            let column: [f64; SIDE / 2 + 4] = std::array::from_fn(|x| {
+                let v: [f64; 5] = std::array::from_fn(|n| value(left + x, top + y / 2 + n).unwrap_or(0.0));
+                t[2] * v[2] + (t[1] * v[1] + t[3] * v[3]) + (t[0] * v[0] + t[4] * v[4])
+            });
+            for (x, out) in row.iter_mut().enumerate() {
+                let (t, v) = (&along[x % 2], &column[x / 2..]);
+                *out = t[2] * v[2] + (t[1] * v[1] + t[3] * v[3]) + (t[0] * v[0] + t[4] * v[4]);
+            }
+        }
+        values
     }
 }
 
@@ -249,6 +267,9 @@ mod tests {
         let value = |x: f64, y: f64| 3.0 + x - 0.2 * x * y + 1e-2 * x.powi(3) * y.powi(3);
         let coarse = raster(24, value);
         let fine = coarse.finer();
+        for at in [[0, 0], [3, 5], [11, 11], [0, 11]] {
+            assert_eq!(coarse.between(at), fine.square(at), "{at:?}");
+        }
         for y in 8..40 {
             for x in 8..40 {
                 let told = fine.values[y * 48 + x];
@@ -297,8 +318,6 @@ mod tests {
         let mut all = raster(16, |x, y| x + 100.0 * y);
         let values = std::array::from_fn(|l| -(l as f64));
         assert_eq!(all.square([1, 2])[5], 5.0 + 900.0);
-        let before: f64 = all.square([1, 2]).iter().zip(values).map(|(a, b)| (a - b) * (a - b)).sum();
-        assert_eq!(all.difference([1, 2], &values), before);
         all.put([1, 2], &Seen { values, noise: 18.0 });
         assert_eq!(all.square([1, 2]), values);
         assert_eq!(all.sum_of_square([1, 2]), -120.0);

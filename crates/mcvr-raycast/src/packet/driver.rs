@@ -84,6 +84,9 @@ pub(crate) const SIDE: usize = 4;
 /// Squares that a thread takes at a time, at most.
 const SQUARES: usize = 32;
 
+/// Samples of sixteen rays that are worth another thread: some 5 microseconds.
+const WORTH: f64 = 300.0;
+
 /// What the rays of a square saw.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Seen {
@@ -135,6 +138,18 @@ impl<'a, 'w, T: Voxel, W: Weights<T>> Ready<'a, 'w, T, W> {
         Self { field, tiles, view, smallest: grid.spacing().min_element(), level, camera, watch }
     }
 
+    /// Squares whose rays take longer than another thread takes to begin.
+    fn worth_a_thread(&self, along: Along) -> usize {
+        let size = (0..3).map(|a| self.tiles.high[a] - self.tiles.low[a]).fold(0.0, f64::max);
+        // Along the box's longest side; cells take more than samples.
+        let samples = match along {
+            Along::Exact => 3.0 * size,
+            Along::Comb(distance) => size * self.smallest / distance,
+        };
+        // `as` saturates.
+        ((WORTH / samples.max(1.0)) as usize).clamp(1, SQUARES)
+    }
+
     fn optics(&self, along: Along) -> Optics {
         Optics::new(&self.view, &self.tiles, along, self.smallest)
     }
@@ -177,6 +192,7 @@ impl<'a, T: Voxel, W: Weights<T> + Send + 'a> Cast for Ready<'a, '_, T, W> {
         };
         let mut seen = vec![Seen { values: [0.0; LANES], noise: 0.0 }; squares.len()];
         let side_by_side = squares.len().div_ceil(4 * rayon::current_num_threads()).clamp(4, SQUARES);
+        let side_by_side = side_by_side.max(self.worth_a_thread(along));
         let parts = squares.par_chunks(side_by_side).zip(seen.par_chunks_mut(side_by_side));
         let cast = |(squares, seen): (&[Square], &mut [Seen])| {
             let places: Vec<Places> = squares.iter().map(one).collect();

@@ -3,7 +3,7 @@
 use std::cmp::Ordering;
 
 use mcvr_footprint::{FootprintOptions, Refine, footprints_in_all, predicted_error};
-use mcvr_raycast::{Comb, Pilot, Tried};
+use mcvr_raycast::{Comb, Glance, Pilot, Tried};
 use mcvr_scene::{Camera, Density, Estimand, Occupancy};
 use mcvr_volume::Volume;
 
@@ -45,6 +45,9 @@ const LAW: f64 = 0.7;
 
 /// Side of a voxel in pixels beyond which the law is not trusted to fall.
 const WIDE: f64 = 2.8;
+
+/// Side of a voxel in pixels beyond which rays 4 pixels apart miss less and less.
+const NARROW: f64 = 2.0;
 
 /// Power of the samples a pixel by which the net's error falls (METHOD section 4: 1/2 to 2/3).
 const NET: f64 = 0.62;
@@ -95,18 +98,25 @@ pub(super) fn worth_a_trial<'a>(
 /// Chance that footprints pass the check which are expected to err as much as was asked for.
 const HOPE: f64 = 0.8;
 
-/// The least that adaptive rays take: what the first of them do, each through the bricks with density in its way, times what all are at least to
-/// the first.
-pub(super) fn least(density: &Density, camera: &Camera, first: f64, error: f64) -> f64 {
+/// The least that adaptive rays take: what the first of them do, at a distance between samples, times what all are at least to the first.
+/// Before any is cast, they are no more than their ways through the bricks with density.
+pub(super) fn least(density: &Density, camera: &Camera, glance: Option<&Glance>, first: f64, error: f64) -> f64 {
     let side = Voxel::of(density, camera).side();
     let costs = Costs::of(density.volume());
-    // All rays together pass a voxel as often as it covers pixels.
-    let occupied = (density.occupancy().count() * Occupancy::SIDE.pow(3)) as f64;
-    let samples = RAYS[0] * occupied * side * side / first;
+    let (rays, steps) = match glance {
+        Some(glance) => (glance.rays as f64, glance.rays as f64 * glance.steps),
+        // All rays together pass a voxel as often as it covers pixels.
+        None => {
+            let occupied = (density.occupancy().count() * Occupancy::SIDE.pow(3)) as f64;
+            (0.0, RAYS[0] * occupied * side * side)
+        }
+    };
     // On phantoms all rays are expected to go 13 to 28 times the way of the first for 3 %, 23 to 75 times for 0.3 %, and further where
     // density is thin.
-    let all = 13.0 * (0.03 / error).powf(0.25);
-    1e-9 * (camera.extent().pixels() as f64 * costs.pixel + all * costs.of_rays(costs.step, PITCH[0] / side) * samples)
+    // Where voxels are wide, an image is smooth between the first rays.
+    let all = (13.0 * (0.03 / error).powf(0.25) * (NARROW / side).powi(2).min(1.0)).max(1.0);
+    let way = rays * costs.ray + costs.of_rays(costs.step, PITCH[0] / side) * steps / first;
+    1e-9 * (camera.extent().pixels() as f64 * costs.pixel + all * way)
 }
 
 /// Adaptive rays that are expected to leave an error, exact ones and combs of several distances.
@@ -164,10 +174,10 @@ pub(super) fn adaptive_rays(density: &Density, camera: &Camera, pilot: &Pilot, e
     all
 }
 
-/// Squared errors of places and their number, those of an eighth of an octave taken together, without those that are 2^40 times less than
+/// Squared errors of places and their number, those of a quarter of an octave taken together, without those that are 2^40 times less than
 /// the largest.
 fn places(pilot: &Pilot) -> Vec<(f64, f64)> {
-    const BITS: u32 = 3;
+    const BITS: u32 = 2;
     let most = pilot.lefts.iter().fold(0.0, |a: f64, b| a.max(*b)).to_bits();
     let mut all = vec![(0.0, 0.0); 40 << BITS];
     for e in pilot.lefts.iter().filter(|e| **e > 0.0) {

@@ -12,7 +12,7 @@ mod costs;
 use std::cell::RefCell;
 
 use mcvr_footprint::{FootprintError, LookFootprints, footprints_with_look};
-use mcvr_raycast::{AdaptiveImage, Comb, LookOptions, Pilot, SpotCheck, look_and_cast, spot_check};
+use mcvr_raycast::{AdaptiveImage, Comb, Glance, LookOptions, Pilot, SpotCheck, look_and_cast, spot_check};
 use mcvr_refine::Goal;
 use mcvr_scene::{Density, Kernel, Look, Watch};
 use serde::Serialize;
@@ -109,10 +109,12 @@ pub(crate) fn choose_and_cast(
     let others = candidates::without_look(density, camera, request.estimand, plain, target);
     let options = look(density, request);
     // Where footprints are done before rays could be, there is nothing to look for.
-    let sooner = |c: &Candidate| {
-        reaches(c, target) && c.seconds < candidates::least(density, camera, options.first.step, target)
+    let sooner = |glance: Option<&Glance>| {
+        let first = glance.map_or(options.first.step, |g| g.first);
+        let least = candidates::least(density, camera, glance, first, target);
+        others.iter().any(|c| reaches(c, target) && c.seconds < least)
     };
-    if !plain || others.iter().any(sooner) {
+    if !plain || sooner(None) {
         return Ok((best(others, target, None), None));
     }
     let (choice, trial) = (RefCell::new(None), RefCell::new(None));
@@ -129,7 +131,8 @@ pub(crate) fn choose_and_cast(
         *choice.borrow_mut() = Some(made);
         options
     };
-    let looked = look_and_cast(density, camera, &options, &judge, watch)?;
+    let begin = |glance: &Glance| !sooner(Some(glance));
+    let looked = look_and_cast(density, camera, &options, &begin, &judge, watch)?;
     let image = looked.and_then(|(_, image)| image).map(Already::Rays);
     let mut choice = choice.take().unwrap_or_else(|| best(others, target, None));
     match trial.take() {

@@ -69,6 +69,26 @@ fn the_choice_follows_the_error_and_not_the_threads() {
 
 /// Footprints whose error is not known well enough are made and checked; the image is theirs only when they pass.
 #[test]
+fn a_glance_that_ends_the_look_is_counted() {
+    let volume = volume::load("phantom:vessels@128", None).unwrap().volume;
+    let camera = Camera::look(&View::default(), volume.grid(), Extent::new(400, 400).unwrap()).unwrap();
+    let scenery = Scenery::new(volume, DensityMap::default(), camera);
+    let density = Density::new(&scenery.volume, scenery.map.clone()).unwrap();
+    let request = Request { method: Method::Auto, error: 0.01, ..Request::default() };
+    let choice = choose(&density, &scenery, &request, &Watch::default()).unwrap();
+    let glance = choice.glance.unwrap();
+    assert_eq!((choice.pilot, choice.chosen.method), (None, Method::Footprint));
+    // 16 squares of 16 rays.
+    assert_eq!(glance.counters.rays, 256);
+    assert!(glance.counters.evaluations > 0 && glance.counters.voxel_reads > glance.counters.evaluations);
+    // Where the look goes on, it holds the glance.
+    let near = self::scenery("phantom:lobster@96", View::default());
+    let density = Density::new(&near.volume, near.map.clone()).unwrap();
+    let choice = choose(&density, &near, &request, &Watch::default()).unwrap();
+    assert!(choice.glance.is_none() && choice.pilot.unwrap().counters.rays > 256);
+}
+
+#[test]
 fn footprints_on_trial_are_used_when_they_pass() {
     for (azimuth, elevation, passes) in [(0.0, 0.0, true), (120.0, -35.0, false)] {
         let mut scenery = scenery("phantom:lobster@96", View { azimuth, elevation, ..View::default() });

@@ -51,7 +51,7 @@ const STRETCH: f64 = 1.5;
 const CLOSEST: f64 = 0.5;
 
 /// What is known before the first rays are cast.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Glance {
     /// First rays, one for 4 by 4 pixels, that can meet density.
     pub rays: u64,
@@ -59,6 +59,8 @@ pub struct Glance {
     pub steps: f64,
     /// Their distance for the error that is wanted.
     pub first: f64,
+    /// Work of the glance; a look's holds it too.
+    pub counters: Counters,
 }
 
 /// A comb, and the error along single rays that it leaves.
@@ -184,7 +186,7 @@ impl Looking<'_> {
     fn glance(&self, rounds: &mut Rounds<'_>, squares: &[Square]) -> Glance {
         let LookOptions { wanted, first, seed, .. } = *self.options;
         if squares.is_empty() {
-            return Glance { rays: 0, steps: 0.0, first: first.step };
+            return Glance { rays: 0, steps: 0.0, first: first.step, counters: Counters::default() };
         }
         let mut random = Pcg64Dxsm::new(u128::from(seed), 0x676c_616e);
         let shares = vec![1.0 / squares.len() as f64; squares.len()];
@@ -203,7 +205,8 @@ impl Looking<'_> {
         let by = if error > 0.0 && error.is_finite() { (wanted / error).sqrt() } else { 1.0 };
         let steps = work.evaluations as f64 * first.step / work.rays.max(1) as f64;
         let most = most.min((steps / FEWEST / first.step).max(STRETCH));
-        Glance { rays: (LANES * squares.len()) as u64, steps, first: first.step * by.clamp(least, most) }
+        let rays = (LANES * squares.len()) as u64;
+        Glance { rays, steps, first: first.step * by.clamp(least, most), counters: work }
     }
 
     fn pilot(

@@ -9,7 +9,7 @@
 mod candidates;
 mod costs;
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 
 use mcvr_footprint::{FootprintError, LookFootprints, footprints_with_look};
 use mcvr_raycast::{AdaptiveImage, Comb, Glance, LookOptions, Pilot, SpotCheck, look_and_cast, spot_check};
@@ -47,8 +47,10 @@ pub struct Choice {
     pub chosen: Candidate,
     /// The best of every other method, cheapest first.
     pub runners_up: Vec<Candidate>,
-    /// What was looked at; `None` where rays are not cast in packets.
+    /// What was looked at; `None` where rays are not cast in packets, or cannot be sooner than footprints.
     pub pilot: Option<Pilot>,
+    /// What a glance told after which it was not looked.
+    pub glance: Option<Glance>,
     /// What footprints were found to err that were made on trial; chosen where that is little enough.
     pub checked: Option<SpotCheck>,
     /// Whether the chosen one is expected to reach the error.
@@ -117,7 +119,7 @@ pub(crate) fn choose_and_cast(
     if !plain || sooner(None) {
         return Ok((best(others, target, None), None));
     }
-    let (choice, trial) = (RefCell::new(None), RefCell::new(None));
+    let (choice, trial, glanced) = (RefCell::new(None), RefCell::new(None), Cell::new(None));
     let judge = |pilot: &Pilot| {
         let mut all = others.clone();
         all.extend(candidates::adaptive_rays(density, camera, pilot, target));
@@ -131,10 +133,13 @@ pub(crate) fn choose_and_cast(
         *choice.borrow_mut() = Some(made);
         options
     };
-    let begin = |glance: &Glance| !sooner(Some(glance));
+    let begin = |glance: &Glance| {
+        glanced.set(Some(*glance));
+        !sooner(Some(glance))
+    };
     let looked = look_and_cast(density, camera, &options, &begin, &judge, watch)?;
     let image = looked.and_then(|(_, image)| image).map(Already::Rays);
-    let mut choice = choice.take().unwrap_or_else(|| best(others, target, None));
+    let mut choice = choice.take().unwrap_or_else(|| Choice { glance: glanced.get(), ..best(others, target, None) });
     match trial.take() {
         None => Ok((choice, image)),
         Some(candidate) => {
@@ -162,7 +167,7 @@ fn best(mut all: Vec<Candidate>, target: f64, pilot: Option<Pilot>) -> Choice {
             runners_up.push(c);
         }
     }
-    Choice { target, reaches: reaching.is_some(), chosen, runners_up, pilot, checked: None }
+    Choice { target, reaches: reaching.is_some(), chosen, runners_up, pilot, glance: None, checked: None }
 }
 
 impl Choice {

@@ -44,14 +44,17 @@ pub fn table(choice: &Choice) -> String {
             1e3 * c.seconds
         );
     }
-    match &choice.pilot {
-        Some(p) => {
+    match (&choice.pilot, &choice.glance) {
+        (Some(p), _) => {
             out += &format!(
                 "  from one ray for 4 by 4 pixels, {} in all, {} of them compared with others; {:.0} voxels' way a ray\n",
                 p.rays, p.looked_at, p.steps
             );
         }
-        None => {
+        (None, Some(g)) => {
+            out += &format!("  after a glance at {} rays: footprints are done before rays could be\n", g.counters.rays);
+        }
+        (None, None) => {
             out += "  without a look: footprints are done before it, or rays are cast in packets only for plain X-rays of tent\n"
         }
     }

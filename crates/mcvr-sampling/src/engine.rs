@@ -8,7 +8,7 @@ use serde::Serialize;
 use crate::effects::EffectPasses;
 use crate::expose::{Channels, Exposure, Scratch};
 use crate::find::{Locate, locator};
-use crate::project::Projection;
+use crate::projection::Projection;
 use crate::stream::check_samples;
 use crate::{Distribution, PointStream, Precision, SamplingError, SimdLevel, block_len};
 

@@ -13,7 +13,8 @@ use crate::effects::EffectPasses;
 use crate::engine::{Counters, PhaseSeconds, RenderOptions, draw};
 use crate::expose::{Channels, Exposure, Job, Scale, Scratch, expose};
 use crate::find::{Locate, locator};
-use crate::project::{Project, Projection};
+use crate::project::Project;
+use crate::projection::Projection;
 use crate::{Distribution, PointStream, Precision, SamplingError, SimdLevel};
 
 /// Most samples of one replicate; fixed-point weights have the bits that such a sum leaves them.

@@ -2,9 +2,10 @@
 
 use mcvr_scene::Estimand;
 
-use crate::project::{CountWeigh, LineWeigh, Lost, Params, Precision, Projection, Weigh, land};
+use crate::project::{CountWeigh, LineWeigh, Lost, Params, Weigh, land};
 #[cfg(target_arch = "x86_64")]
 use crate::project512::project_stored;
+use crate::projection::{Precision, Projection};
 use crate::real::{Real, Weights};
 use mcvr_volume::{SimdLevel, vectorised};
 

@@ -6,7 +6,8 @@
 
 use mcvr_volume::Voxel;
 
-use crate::order::{BRICK, Nested};
+use crate::nested::Nested;
+use crate::order::BRICK;
 use crate::units::Units;
 use crate::unpack::prefetch;
 use crate::word::Word;

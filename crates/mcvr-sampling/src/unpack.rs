@@ -5,7 +5,8 @@
 
 use mcvr_volume::Voxel;
 
-use crate::order::{BRICK, Nested};
+use crate::nested::Nested;
+use crate::order::BRICK;
 use crate::units::Units;
 use crate::word::Word;
 use mcvr_volume::{SimdLevel, vectorised};

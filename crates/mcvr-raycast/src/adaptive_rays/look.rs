@@ -10,7 +10,8 @@ use serde::Serialize;
 
 use super::dark::Dark;
 use super::raster::Raster;
-use super::{AdaptiveImage, AdaptiveOptions, Comb, Rounds, Scene, finished, wide};
+use super::rounds::Rounds;
+use super::{AdaptiveImage, AdaptiveOptions, Comb, Scene, finished, wide};
 use crate::draw::draw;
 use crate::packet::{Cast, LANES, Look, Packets, Seen, Square};
 use crate::points::Points;

@@ -13,7 +13,7 @@ use self::passes::{Light, Ramp, Voxelwise, amounts_grey, amounts_rgb, compact, p
 use self::positions::Place;
 use crate::engine::Counters;
 use crate::expose::Scratch;
-use crate::project::{LEAST_UNITS, Projection};
+use crate::projection::{LEAST_UNITS, Projection};
 use crate::{GradientSource, RenderOptions, SamplingError, SimdLevel};
 
 /// The passes of one image.
